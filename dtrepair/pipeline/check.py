@@ -56,7 +56,7 @@ from dtrepair.pipeline.stages.outputs import FilePath
 from dtrepair.pipeline.stages.shot.sets import find_sets, pairs_of_sets
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.pipeline.stages.world_mesh import WorldScene
-from dtrepair.report.modelled import WornRecord
+from dtrepair.report.parts import WornRecord
 from dtrepair.report.record import FramePrimRecord, FrameRecord, Report
 
 if TYPE_CHECKING:
@@ -238,6 +238,7 @@ def _counted(
         if found is None:
             return unusable(frame), None
         each = zip(source.meshes, found.each, strict=True)
+        parts = modelled.in_frame(frame.time, found, frame.spaces, found, frame.spaces)
         record = FrameRecord(
             time=frame_time(frame),
             status="unchanged" if found.total.pairs else "clean",
@@ -247,7 +248,8 @@ def _counted(
             prims=tuple(FramePrimRecord(path=m.path, before=c, after=c) for m, c in each),
             contacts=contact_records(source, found, found),
             enclosed=enclosed(frame, found),
-            modelled=modelled.in_frame(frame.time, found, frame.spaces, found, frame.spaces),
+            modelled=parts.modelled,
+            faults=parts.faults,
         )
         return record, PairsFound(record.time, found.pairs)
 

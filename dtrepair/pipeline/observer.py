@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.pipeline.errors import Cancelled
-from dtrepair.report.modelled import AttachedList, PassingRecord, WornRecord
+from dtrepair.report.parts import AttachedList, PassingRecord, WornRecord
 from dtrepair.report.record import FrameRecord
 
 Item = TypeVar("Item")

@@ -75,7 +75,8 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "motion that turns nothing.",
             "prims": "The meshes in this frame.",
             "contacts": "Of several meshes which met which.",
-            "modelled": "Modelled contacts, which are no faults.",
+            "modelled": "Modelled contacts, which are no faults, by pairs of parts.",
+            "faults": "All others that count, by pairs of parts, where a mesh has several.",
             "left": "What the repair left, where it left something.",
             "enclosed": "What lies wholly inside what; null where nobody looked.",
             "stages": "Stages of the repair.",
@@ -202,14 +203,14 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "other": "Mesh and part that it came off, of drift; null of all else.",
         },
     ),
-    "Modelled contacts": (
+    "Contacts of parts": (
         "frames[].modelled",
-        "Contacts of parts that overlap on purpose, by pairs of parts.",
+        "Contacts by pairs of connected parts.",
         {"listed": "The pairs of parts with most.", "others": "All others in sum."},
     ),
-    "Modelled pair": (
+    "Pair of parts": (
         "frames[].modelled.listed[]",
-        "Two connected parts with modelled contacts.",
+        "Two connected parts that meet; a part with itself, too.",
         {
             "first": "A part.",
             "second": "The other.",
@@ -217,14 +218,14 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "centre": "Where they are.",
         },
     ),
-    "Other modelled pairs": (
+    "Other pairs of parts": (
         "frames[].modelled.others",
         "Pairs of parts that are not listed.",
         {"parts": "How many pairs of parts.", "counts": "Their contacts."},
     ),
-    "Modelled counts": (
+    "Counts of parts": (
         "frames[].modelled.others.counts",
-        "Numbers of modelled contacts.",
+        "Numbers of contacts.",
         {
             "pairs_before": "Pairs of triangles before the repair.",
             "pairs_after": "And after it.",
@@ -320,6 +321,7 @@ SECTIONS: dict[str, tuple[str, str, dict[str, str]]] = {
             "fraction of the size; null for fewer than three frames.",
             "contacts": "Of several meshes which met which, summed.",
             "modelled": "Modelled contacts, summed.",
+            "faults": "All others that count, by pairs of parts, summed.",
             "too_close": "Frames that keep less than the clearance; where there are any.",
         },
     ),

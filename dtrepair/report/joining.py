@@ -8,7 +8,7 @@ from typing import Any
 
 from dtrepair.diagnosis import Diagnosis
 from dtrepair.report.findings import joined
-from dtrepair.report.modelled import AttachedList, ModelledList, PassingRecord, WornRecord, parts_of
+from dtrepair.report.parts import AttachedList, PartPairs, PassingRecord, WornRecord, parts_of
 from dtrepair.report.record import (
     ContactRecord,
     CountRecord,
@@ -62,19 +62,23 @@ def read_frame(frame: Document) -> FrameRecord:
     stages = (StageRecord(**stage) for stage in frame["stages"])
     record = FrameRecord(**{**frame, **_counts(frame)})
     left = Diagnosis.from_document(frame["left"]) if "left" in frame else Diagnosis()
-    modelled = frame.get("modelled")
     return replace(
         record,
         prims=tuple(prims),
         contacts=contacts,
         stages=tuple(stages),
-        modelled=ModelledList.from_document(modelled) if modelled else ModelledList(),
+        modelled=_part_pairs(frame, "modelled"),
+        faults=_part_pairs(frame, "faults"),
         left=left,
     )
 
 
 def _motion(prim: Document) -> MotionRecord | None:
     return MotionRecord(**prim["motion"]) if prim.get("motion") else None
+
+
+def _part_pairs(frame: Document, name: str) -> PartPairs:
+    return PartPairs.from_document(frame[name]) if name in frame else PartPairs()
 
 
 def _counts(item: Document) -> dict[str, CountRecord | None]:

@@ -19,9 +19,9 @@ from dtrepair.diagnosis import CountRecord as CountRecord
 from dtrepair.diagnosis import Diagnosis
 from dtrepair.files.atomic import write_atomically
 from dtrepair.report.findings import MotionFinding
-from dtrepair.report.modelled import (
+from dtrepair.report.parts import (
     AttachedList,
-    ModelledList,
+    PartPairs,
     PassingRecord,
     WornRecord,
     over_frames,
@@ -108,6 +108,7 @@ class FrameRecord:
     """One frame: what was found, what was done, what is left. Counts are None where it failed.
 
     enclosed: None where nobody looked. modelled: modelled contacts by pairs of parts.
+    faults: all others that count, by pairs of parts, where a mesh has several.
     left: what a repair left, of all objects.
     geodesic: the largest distance along a mesh between two of its triangles that still intersect,
     of the mesh's largest coordinate range: small where only creases are left. normal_consistency:
@@ -127,18 +128,19 @@ class FrameRecord:
     contacts: tuple[ContactRecord, ...] = ()
     enclosed: tuple[EnclosedRecord, ...] | None = None
     stages: tuple[StageRecord, ...] = ()
-    modelled: ModelledList = field(default_factory=ModelledList)
+    modelled: PartPairs = field(default_factory=PartPairs)
+    faults: PartPairs = field(default_factory=PartPairs)
     left: Diagnosis = field(default_factory=Diagnosis)
     geodesic: float | None = None
     normal_consistency: float | None = None
 
     def document(self) -> dict[str, Any]:
-        """Return the frame as plain values; what is modelled or left only where something is."""
+        """Return the frame as plain values; lists of parts and what is left where there are any."""
         content = asdict(self)
         for prim in content["prims"]:
             if prim["size"] is None:
                 del prim["size"]
-        for name in ("modelled", "left"):
+        for name in ("modelled", "faults", "left"):
             if not getattr(self, name):
                 del content[name]
         for name in ("geodesic", "normal_consistency"):
@@ -249,8 +251,9 @@ def summarize(frames: Iterable[FrameRecord], *, jitter: float | None = None) -> 
         {"first": first, "second": second, "before": before, "after": after}
         for (first, second), (before, after) in sorted(met.items())
     ]
-    if modelled := over_frames(frame.modelled for frame in frames):
-        summary["modelled"] = asdict(modelled)
+    for name in ("modelled", "faults"):
+        if found := over_frames(getattr(frame, name) for frame in frames):
+            summary[name] = asdict(found)
     return summary
 
 

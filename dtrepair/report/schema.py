@@ -91,22 +91,22 @@ _LEFT = _object(
     strains={"type": "array", "items": _STRAIN},
 )
 _POINT = {"type": "array", "items": {"type": "number"}}
-# A connected part of a mesh, and modelled contacts by pairs of parts: `dtrepair.report.modelled`.
+# A connected part of a mesh, and contacts by pairs of parts: `dtrepair.report.parts`.
 _PART = _object(
     path=_TEXT,
     number={"type": ["integer", "null"], "minimum": 1},
     triangles=_COUNT,
     centre=_POINT,
 )
-_MODELLED_COUNTS = _object(
+_PAIR_COUNTS = _object(
     **{f"{name}_{when}": _COUNT for name in ("pairs", "triangles") for when in ("before", "after")}
 )
-_MODELLED_LIST = _object(
+_PART_PAIRS = _object(
     listed={
         "type": "array",
-        "items": _object(first=_PART, second=_PART, counts=_MODELLED_COUNTS, centre=_POINT),
+        "items": _object(first=_PART, second=_PART, counts=_PAIR_COUNTS, centre=_POINT),
     },
-    others=_object(parts=_COUNT, counts=_MODELLED_COUNTS),
+    others=_object(parts=_COUNT, counts=_PAIR_COUNTS),
 )
 _ATTACHED = _object(
     listed={
@@ -129,6 +129,7 @@ _FRAME = _object(
     "contacts",
     "enclosed",
     "modelled",
+    "faults",
     "left",
     "geodesic",
     "normal_consistency",
@@ -156,7 +157,8 @@ _FRAME = _object(
         ),
     },
     contacts={"type": "array", "items": _CONTACT},
-    modelled=_MODELLED_LIST,
+    modelled=_PART_PAIRS,
+    faults=_PART_PAIRS,
     left=_LEFT,
     enclosed={"type": ["array", "null"], "items": _ENCLOSED},
     stages={
@@ -174,6 +176,7 @@ _FRAME = _object(
 _SUMMARY = _object(
     "contacts",
     "modelled",
+    "faults",
     "too_close",
     str(Status.STRAINED),
     *(f"{name}_{when}" for when in ("before", "after") for name in _MODELLED),
@@ -188,7 +191,8 @@ _SUMMARY = _object(
     displacement_mean=_AMOUNT,
     jitter={"type": ["number", "null"], "minimum": 0},
     contacts={"type": "array", "items": _CONTACT},
-    modelled=_MODELLED_LIST,
+    modelled=_PART_PAIRS,
+    faults=_PART_PAIRS,
     too_close=_COUNT,
 )
 _FIGURE = {"type": ["number", "null"], "minimum": 0}

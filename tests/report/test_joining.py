@@ -13,7 +13,7 @@ from dtrepair.diagnosis import (
 )
 from dtrepair.report.findings import FindingKind, MotionFinding
 from dtrepair.report.joining import join_reports
-from dtrepair.report.modelled import AttachedList, AttachedRecord, WornRecord, bounded
+from dtrepair.report.parts import AttachedList, AttachedRecord, WornRecord, bounded
 from dtrepair.report.record import (
     CountRecord,
     FramePrimRecord,
@@ -22,7 +22,7 @@ from dtrepair.report.record import (
     Report,
     StageRecord,
 )
-from tests.report.modelled_records import part, record
+from tests.report.part_records import part, record
 
 
 def frame(time: float | None, pairs: int) -> FrameRecord:
@@ -47,6 +47,7 @@ LEFT = Diagnosis(
 ATTACHED = AttachedRecord(
     first=part(1), second=part(None, "/A"), pairs=4, pose="bind pose", centre=(0.0, 1.0, 2.0)
 )
+MODELLED = bounded([record(1, 5), record(2, 3, 2)])
 WHOLE = Report(
     command="repair",
     version="1",
@@ -56,7 +57,7 @@ WHOLE = Report(
     prims=(PrimRecord(path="/A", vertices=9, triangles=7),),
     frames=(
         frame(1.0, 4),
-        replace(frame(2.0, 5), left=LEFT, modelled=bounded([record(1, 5), record(2, 3, 2)])),
+        replace(frame(2.0, 5), left=LEFT, modelled=MODELLED, faults=bounded([record(4, 2)])),
         FrameRecord(time=3.0, status="failed", message="NaN"),
     ),
     warnings=("one", "two"),
@@ -101,7 +102,7 @@ def test_findings_of_chunks_are_those_of_the_whole() -> None:
 
 def test_only_frames_with_something_left_say_so() -> None:
     frames = WHOLE.document()["frames"]
-    for name in ("left", "modelled"):
+    for name in ("left", "modelled", "faults"):
         assert [name in each for each in frames] == [False, True, False]
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from dtrepair.diagnosis import Diagnosis, Strain, StrainKind
-from dtrepair.report.modelled import bounded
+from dtrepair.report.parts import bounded
 from dtrepair.report.record import (
     SCHEMA,
     CountRecord,
@@ -26,7 +26,7 @@ from dtrepair.report.record import (
     write_report,
 )
 from dtrepair.report.schema import SCHEMA_NAME, STATUSES, ReportError, validate
-from tests.report.modelled_records import record
+from tests.report.part_records import record
 
 Document = dict[str, Any]
 

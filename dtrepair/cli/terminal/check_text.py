@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dtrepair.cli.terminal.console import Console, folded
-from dtrepair.cli.terminal.repair_text import print_contacts
+from dtrepair.cli.terminal.repair_text import print_met
 from dtrepair.cli.terminal.strain_text import frames_of
 from dtrepair.pipeline.stages.sources import time_label
 from dtrepair.report.record import FrameRecord, Report, summarize
@@ -42,8 +42,7 @@ def print_check(console: Console, report: Report) -> None:
     )
     if each and any(record.before and record.before.inter_pairs for record in records):
         console.result("a pair between two meshes is counted in the row of either, and once in all")
-    if several:
-        print_contacts(console, summarize(records)["contacts"], checked=True)
+    print_met(console, summarize(records), checked=True)
     for line in enclosed_lines(records):
         console.result(line)
     console.result(_conclusion(records, every=report.settings.get("rest_contacts") == "repair"))

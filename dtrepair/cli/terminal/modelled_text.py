@@ -1,14 +1,16 @@
-"""What a terminal sees of modelled contacts and of what is worn: lists of a check, remarks."""
+"""What a terminal sees of connected parts: which met, what is modelled, what is worn."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from dtrepair.cli.terminal.console import Console
-from dtrepair.report.modelled import (
+from dtrepair.report.parts import (
     AttachedList,
     AttachedRecord,
-    ModelledRecord,
+    PairCounts,
+    PartPair,
+    PartPairs,
     PassingRecord,
     WornRecord,
     place,
@@ -51,6 +53,33 @@ def print_modelled(console: Console, report: Report) -> None:
             f"and {counted(attached.others, 'more pair')} of parts, "
             f"with {counted(attached.other_pairs, 'pair')} of triangles"
         )
+
+
+def print_faults(console: Console, found: PartPairs, *, checked: bool) -> None:
+    """Print which connected parts met which in all frames together, and where in the worst one.
+
+    checked: whether nothing was repaired.
+    """
+    paths = {part.path for record in found.listed for part in (record.first, record.second)}
+    of = f" of {paths.pop()}" if len(paths) == 1 else ""
+    rows = []
+    for record in found.listed:
+        first, second = (
+            f"part {part.number}" if of else part.name for part in (record.first, record.second)
+        )
+        counts = _pairs(record.counts, checked=checked)
+        rows.append([*counts, place(record.centre), first, "itself" if second == first else second])
+    if others := found.others.parts:
+        rows.append([*_pairs(found.others.counts, checked=checked), "", f"{others} others", ""])
+    console.result(f"which parts{of} met which, in all frames together:")
+    header = ["pairs"] if checked else ["pairs before", "after"]
+    console.table([*header, "around", "of", "and"], rows)
+
+
+def _pairs(counts: PairCounts, *, checked: bool) -> list[str]:
+    """Return what rows tell of pairs: their number, and after a repair that as well."""
+    both = str(counts.pairs_before), str(counts.pairs_after)
+    return list(both[:1] if checked else both)
 
 
 def print_worn(console: Console, report: Report) -> None:
@@ -108,13 +137,13 @@ def props_line(paths: Sequence[str]) -> str:
     )
 
 
-def _names(record: ModelledRecord | AttachedRecord | PassingRecord) -> str:
+def _names(record: PartPair | AttachedRecord | PassingRecord) -> str:
     return f"{record.first} with {record.second}"
 
 
-def _most(report: Report) -> dict[tuple[str, str], ModelledRecord]:
+def _most(report: Report) -> dict[tuple[str, str], PartPair]:
     """Return for two parts the record of the frame in which they have most pairs."""
-    most: dict[tuple[str, str], ModelledRecord] = {}
+    most: dict[tuple[str, str], PartPair] = {}
     for frame in report.frames:
         for record in frame.modelled.listed:
             names = record.first.name, record.second.name

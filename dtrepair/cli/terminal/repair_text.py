@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from dtrepair.cli.terminal.console import Console
+from dtrepair.cli.terminal.modelled_text import print_faults
 from dtrepair.cli.terminal.strain_text import frames_of, strain_lines
 from dtrepair.diagnosis import Status, concerns
 from dtrepair.pipeline.observer import CorrectionWritten, FrameDone
@@ -15,6 +16,7 @@ from dtrepair.pipeline.repair.records import REMEDIES
 from dtrepair.pipeline.selection import NUMBERS, ObjectSettings
 from dtrepair.pipeline.stages.plan import Plan
 from dtrepair.pipeline.stages.sources import time_label
+from dtrepair.report.parts import PartPairs
 from dtrepair.report.record import FrameRecord, MotionRecord, summarize
 from dtrepair.wording import counted, length
 
@@ -92,6 +94,16 @@ def described(own: ObjectSettings, *, collider: bool) -> str:
     told += [f"attached to {' and '.join(own.attach)}"] if own.attach else []
     told += [f"not attached to {' and '.join(own.detach)}"] if own.detach else []
     return ", ".join([role, *told])
+
+
+def print_met(console: Console, totals: Mapping[str, Any], *, checked: bool = False) -> None:
+    """Print what met what, by the totals of a report; checked: whether nothing was repaired.
+
+    Of a single mesh, and with -v, which of its connected parts, and where.
+    """
+    print_contacts(console, totals["contacts"], checked=checked)
+    if "faults" in totals and (not totals["contacts"] or console.verbosity > 0):
+        print_faults(console, PartPairs.from_document(totals["faults"]), checked=checked)
 
 
 def print_contacts(
@@ -175,7 +187,7 @@ def print_table(console: Console, records: tuple[FrameRecord, ...], output: str)
     if moved := moved_line(records):
         console.result(moved)
     totals = summarize(records)
-    print_contacts(console, totals["contacts"])
+    print_met(console, totals)
     _print_moves(console, records)
     modelled = totals["modelled_pairs_after"]
     but = " of all but modelled contacts" if modelled else ""

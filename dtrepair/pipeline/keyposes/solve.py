@@ -250,6 +250,7 @@ class StageKeys:
             strains = self.repairer.repairer.strains(frame.spaces, ended.spaces)
         sizes = self.repairer.record.sizes(frame, spaces[0])
         left = in_stage_units(_with_strains(record, strains, after.total.pairs), sizes)
+        parts = self.repairer.modelled.in_frame(time, before, frame.spaces, after, ended.spaces)
         status = "clean" if not after.total.pairs else "improved"
         if left.strains:
             status = "strained"
@@ -264,9 +265,8 @@ class StageKeys:
             displacement_max=max(float(part.max()) for part in moved),
             displacement_mean=float(np.concatenate(moved).mean()),
             prims=self.repairer.record.prims(sizes, spaces[0], spaces[1], before, after),
-            modelled=self.repairer.modelled.in_frame(
-                time, before, frame.spaces, after, ended.spaces
-            ),
+            modelled=parts.modelled,
+            faults=parts.faults,
         )
 
 

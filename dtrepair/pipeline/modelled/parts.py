@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray, components, weld_maps
+from dtrepair.pipeline.modelled.names import PartNames
 from dtrepair.pipeline.observer import (
     ModelledFound,
     Observer,
@@ -22,17 +22,16 @@ from dtrepair.pipeline.observer import (
     warn,
 )
 from dtrepair.pipeline.stages.bodies import unclear_sides
-from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time
-from dtrepair.report.modelled import (
+from dtrepair.pipeline.stages.sources import Source
+from dtrepair.report.parts import (
     LISTED_ATTACHED,
     AttachedList,
     AttachedRecord,
-    ModelledCounts,
-    ModelledList,
-    ModelledRecord,
+    PairCounts,
+    PartPair,
+    PartPairs,
     PartRecord,
     PassingRecord,
-    Point,
     bounded,
 )
 
@@ -41,9 +40,6 @@ if TYPE_CHECKING:
     from dtrepair.numerics.attachments import Attachments, Reference
     from dtrepair.repair.scene.scene import Scene
 
-# Positions are told to this part of the diagonal of all meshes.
-DIGITS = 1e-3
-
 
 class _Met(NamedTuple):
     """Pairs of parts (N, 2) that meet, how often (N,), and the number of each contact's (K,)."""
@@ -51,6 +47,13 @@ class _Met(NamedTuple):
     parts: NDArray[np.int64]
     pairs: NDArray[np.int64]
     number: NDArray[np.int64]
+
+
+class InFrame(NamedTuple):
+    """Contacts of a frame by pairs of parts: what was modelled, and what is a fault."""
+
+    modelled: PartPairs
+    faults: PartPairs
 
 
 class ModelledParts:
@@ -69,48 +72,19 @@ class ModelledParts:
         references: Sequence[Reference] = (),
     ) -> None:
         self.source, self.attachments, self.references = source, attachments, references
+        self.names = PartNames(source)
 
     @cached_property
     def records(self) -> list[PartRecord]:
         """All connected parts, in the order of their numbers in the attachments."""
-        return self.named(self._part_of, int(self._part_of.max(initial=-1)) + 1)
+        return self.names.named(self._part_of, int(self._part_of.max(initial=-1)) + 1)
 
     @cached_property
     def _part_of(self) -> NDArray[np.integer]:
         """The part (F,) of each triangle."""
         if self.attachments is not None:
             return self.attachments.part_of
-        time = placing_time(self.source, self.source.all_times)
-        placed = [self._in_world(mesh, time, mesh.rest) for mesh in self.source.meshes]
-        faces = weld_maps(placed)[self._faces]
-        label = components(faces, len(self._rest))
-        return np.unique(label[faces[:, 0]], return_inverse=True)[1].reshape(-1)
-
-    def named(self, part_of: NDArray[np.integer], count: int) -> list[PartRecord]:
-        """Return records of connected parts by the part (F,) of each triangle."""
-        faces, sizes = self._faces, np.bincount(part_of, minlength=count)
-        mesh_of = np.zeros(len(sizes), dtype=np.int64)
-        mesh_of[part_of] = np.repeat(
-            np.arange(len(self.source.meshes)), [len(mesh.faces) for mesh in self.source.meshes]
-        )
-        low, high = np.full((len(sizes), 3), np.inf), np.full((len(sizes), 3), -np.inf)
-        for corner in range(3):
-            np.minimum.at(low, part_of, self._rest[faces[:, corner]])
-            np.maximum.at(high, part_of, self._rest[faces[:, corner]])
-        rank = np.zeros(len(sizes), dtype=np.int64)
-        several = np.bincount(mesh_of, minlength=len(self.source.meshes)) > 1
-        for mesh in np.flatnonzero(several):
-            own = np.flatnonzero(mesh_of == mesh)
-            rank[own[np.argsort(-sizes[own], kind="stable")]] = 1 + np.arange(len(own))
-        return [
-            PartRecord(
-                path=self.source.meshes[mesh_of[part]].path,
-                number=int(rank[part]) or None,
-                triangles=int(sizes[part]),
-                centre=self._told(0.5 * (low[part] + high[part])),
-            )
-            for part in range(len(sizes))
-        ]
+        return self.names.connected
 
     def in_frame(
         self,
@@ -119,35 +93,44 @@ class ModelledParts:
         old: Sequence[NDArray[Any]],
         after: SceneCount,
         new: Sequence[NDArray[Any]],
-    ) -> ModelledList:
-        """List what of a frame is modelled, with most pairs first.
+    ) -> InFrame:
+        """List what of a frame was modelled and, where a mesh has several parts, what is a fault.
 
-        Its pairs sum to those of the counts; a triangle counts with each pair of parts that it is
-        in. old, new: points of each mesh in the space of the frames, before and after.
+        Pairs sum to those of the counts; a triangle counts with each pair of parts that it is in.
+        old, new: points of each mesh in the space of the frames, before and after.
         """
-        if self.attachments is None or not (len(before.modelled) or len(after.modelled)):
-            return ModelledList()
-        met = self._met(np.concatenate([before.modelled, after.modelled]))
-        numbers = np.split(met.number, [len(before.modelled)])
+        points = np.concatenate(old), np.concatenate(new)
+        modelled = self._listed((before.modelled, after.modelled), points, time)
+        if all(record.number is None for record in self.records):
+            return InFrame(modelled, PartPairs())
+        return InFrame(modelled, self._listed((before.pairs, after.pairs), points, time))
+
+    def _listed(
+        self, contacts: Sequence[NDArray[Any]], poses: Sequence[NDArray[Any]], time: float
+    ) -> PartPairs:
+        """List contacts (K, 2) before and after by pairs of parts, with most first."""
+        if not any(map(len, contacts)):
+            return PartPairs()
+        met = self._met(np.concatenate(contacts))
+        numbers = np.split(met.number, [len(contacts[0])])
         pairs = [np.bincount(each, minlength=len(met.pairs)) for each in numbers]
-        both = zip((before, after), numbers, strict=True)
-        triangles = [_triangles(count.modelled, own, len(met.pairs)) for count, own in both]
+        both = zip(contacts, numbers, strict=True)
+        triangles = [_triangles(own, each, len(met.pairs)) for own, each in both]
         order = np.argsort(-np.maximum(*pairs), kind="stable")
-        sides = (before, np.concatenate(old)), (after, np.concatenate(new))
         records = []
         for index in order.tolist():
             side = 0 if pairs[0][index] else 1
-            count, points = sides[side]
+            own = contacts[side][numbers[side] == index]
             a, b = met.parts[index].tolist()
             records.append(
-                ModelledRecord(
+                PartPair(
                     first=self.records[a],
                     second=self.records[b],
-                    counts=ModelledCounts(
+                    counts=PairCounts(
                         *(int(each[index]) for each in pairs),
                         *(int(each[index]) for each in triangles),
                     ),
-                    centre=self._where(points, count.modelled[numbers[side] == index], time),
+                    centre=self.names.where(poses[side], own, time),
                 )
             )
         return bounded(records)
@@ -174,7 +157,7 @@ class ModelledParts:
                     second=self.records[b],
                     pairs=number,
                     pose=reference.name,
-                    centre=self._where(reference.points, own, time),
+                    centre=self.names.where(reference.points, own, time),
                 )
         every = [found[key] for key in sorted(found, key=lambda key: (-found[key].pairs, key))]
         rest = every[LISTED_ATTACHED:]
@@ -222,47 +205,6 @@ class ModelledParts:
             parts[:, 0] * count + parts[:, 1], return_inverse=True, return_counts=True
         )
         return _Met(np.stack([keys // count, keys % count], axis=1), pairs, number.reshape(-1))
-
-    @cached_property
-    def _faces(self) -> NDArray[np.int64]:
-        """Triangles (F, 3) of all meshes in a row."""
-        starts = np.cumsum([0, *(len(mesh.rest) for mesh in self.source.meshes)])
-        shifted = zip(self.source.meshes, starts, strict=False)
-        return np.concatenate([mesh.faces + start for mesh, start in shifted])
-
-    @cached_property
-    def _rest(self) -> FloatArray:
-        """Points (V, 3) of all meshes before anything deforms them, world space."""
-        time = placing_time(self.source, self.source.all_times)
-        placed = [self._in_world(mesh, time, mesh.rest) for mesh in self.source.meshes]
-        return np.concatenate(placed) + self.source.origin
-
-    @cached_property
-    def _decimals(self) -> int:
-        step = DIGITS * float(np.linalg.norm(np.ptp(self._rest, axis=0)))
-        return -int(np.floor(np.log10(step))) if step > 0.0 else 6
-
-    def _told(self, point: FloatArray) -> Point:
-        """Return a position with as many digits as anybody can make use of."""
-        x, y, z = (np.round(point, self._decimals) + 0.0).tolist()
-        return (x, y, z)
-
-    def _where(self, points: NDArray[Any], contacts: NDArray[np.integer], time: float) -> Point:
-        """Return the middle of the triangles of contacts (K, 2) of a pose (V, 3), in the world."""
-        corners = self._faces[np.unique(contacts)]
-        middle = points[corners].astype(np.float64).mean(axis=(0, 1))
-        if len(self.source.meshes) == 1:
-            middle = self._in_world(self.source.meshes[0], time, middle[None])[0]
-        return self._told(middle + self.source.origin)
-
-    def _in_world(self, mesh: SourceMesh, time: float, points: NDArray[Any]) -> FloatArray:
-        """Return points in world space; as they are where the transform is no number."""
-        from usd_io import FrameError
-
-        try:
-            return np.asarray(self.source.to_world(mesh, time, points))
-        except FrameError:
-            return np.asarray(points, dtype=np.float64)
 
 
 def tell_sets(observer: Observer, source: Source) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from dtrepair.pipeline.modelled.parts import ModelledParts
+from dtrepair.pipeline.modelled.names import PartNames
 from dtrepair.pipeline.modelled.references import layer_poses, modelled_references
 from dtrepair.pipeline.observer import Observer, WornFound
 from dtrepair.pipeline.selection import ObjectSettings, PrimTable
@@ -14,7 +14,7 @@ from dtrepair.pipeline.stages.matching import CalledPairs
 from dtrepair.pipeline.stages.object_settings import read_settings
 from dtrepair.pipeline.stages.rest import choose_rests
 from dtrepair.pipeline.stages.sources import Source
-from dtrepair.report.modelled import WornRecord
+from dtrepair.report.parts import WornRecord
 
 if TYPE_CHECKING:
     from dtrepair.repair.options import RepairOptions
@@ -32,7 +32,7 @@ def worn_records(source: Source, scene: Scene) -> tuple[WornRecord, ...]:
     if not worn:
         return ()
     own = scene.enclosures
-    records = ModelledParts(source, None).named(own.part_of_face, own.count)
+    records = PartNames(source).named(own.part_of_face, own.count)
     return tuple(WornRecord(over=records[top], under=records[under]) for top, under in worn)
 
 

@@ -86,6 +86,7 @@ class FrameRecorder:
         moved = [displacements(a, b) for a, b in zip(old, new, strict=True)]
         sizes = self.sizes(frame, old)
         status = _status(before, after, results)
+        parts = self.modelled.in_frame(frame.time, before, frame.spaces, after, spaces)
         left = in_stage_units(merged(result.diagnosis for result in results), sizes)
         return FrameRecord(
             time=frame_time(frame),
@@ -99,7 +100,8 @@ class FrameRecorder:
             displacement_mean=float(np.concatenate(moved).mean()),
             prims=self.prims(sizes, old, new, before, after),
             contacts=contact_records(self.source, before, after),
-            modelled=self.modelled.in_frame(frame.time, before, frame.spaces, after, spaces),
+            modelled=parts.modelled,
+            faults=parts.faults,
             stages=tuple(StageRecord(*astuple(stage)) for stage in results[0].stages),
             left=left,
             geodesic=self._geodesic(new, after),

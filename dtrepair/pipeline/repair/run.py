@@ -36,7 +36,7 @@ from dtrepair.pipeline.stages.rest import Rest, rest_warnings
 from dtrepair.pipeline.stages.sinks import Sink
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.findings import FindingKind, MotionFinding, warnings_of
-from dtrepair.report.modelled import WornRecord
+from dtrepair.report.parts import WornRecord
 from dtrepair.report.record import FrameRecord, Report, summarize
 
 if TYPE_CHECKING:

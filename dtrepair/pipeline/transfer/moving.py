@@ -21,7 +21,7 @@ from dtrepair.pipeline.transfer.inputs import PoseFiles
 from dtrepair.pipeline.transfer.pair import Pair
 from dtrepair.pipeline.transfer.settings import TransferSettings
 from dtrepair.pipeline.transfer.solve import FrameTransfer, PinSet, counted_frames
-from dtrepair.report.modelled import AttachedList
+from dtrepair.report.parts import AttachedList
 from dtrepair.report.record import FrameRecord
 
 

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-from dtrepair.report.modelled import ModelledCounts, ModelledList, WornRecord, parts_of, place
 from dtrepair.report.page.advice import Frames, frame_links, only_counts
 from dtrepair.report.page.content import Contact, pair_name
 from dtrepair.report.page.lengths import largest_move, length_of
 from dtrepair.report.page.sections import keyposes_table, transfer_table
 from dtrepair.report.page.table import Cell, Markup, html_table
+from dtrepair.report.parts import PairCounts, PartPairs, WornRecord, parts_of, place
 
 Colours = Sequence[tuple[float, float, float]]
 
@@ -24,6 +24,7 @@ def tables(report: Mapping[str, Any], colours: Colours = ()) -> str:
             _objects(report, colours),
             _pairs(report),
             _strains(frames),
+            _faults(report["summary"].get("faults"), checked=checked),
             _modelled(report["summary"].get("modelled"), checked=checked),
             _worn(report.get("worn", ())),
             transfer_table(report.get("transfer")),
@@ -141,13 +142,31 @@ def _strains(frames: Frames) -> str:
     return "<h2>Strained beyond the bounds</h2>" + html_table(header, rows)
 
 
+def _faults(section: Mapping[str, Any] | None, *, checked: bool) -> str:
+    """Return a table of what else met, by pairs of parts, over all frames."""
+    if section is None:
+        return ""
+    told = "<p>Which connected parts met, in all frames together; where, in the worst of them.</p>"
+    return f"<h2>Pairs of parts</h2>{told}{_part_pairs(section, checked=checked)}"
+
+
 def _modelled(section: Mapping[str, Any] | None, *, checked: bool) -> str:
     """Return a table of the contacts that were modelled, by pairs of parts, over all frames."""
     if section is None:
         return ""
-    every = ModelledList.from_document(section)
+    told = (
+        "<p>The parts stay where they meet; the numbers change as their surfaces slide in each "
+        "other. A triangle counts with each pair of parts that it is in.</p>"
+    )
+    table = _part_pairs(section, checked=checked)
+    return f"<h2>Modelled contacts, which stay</h2>{told}{table}"
 
-    def numbers(counts: ModelledCounts) -> list[Cell]:
+
+def _part_pairs(section: Mapping[str, Any], *, checked: bool) -> str:
+    """Return a table of contacts by pairs of parts."""
+    every = PartPairs.from_document(section)
+
+    def numbers(counts: PairCounts) -> list[Cell]:
         both = vars(counts).items()
         return [str(n) for name, n in both if not (checked and name.endswith("_after"))]
 
@@ -155,7 +174,7 @@ def _modelled(section: Mapping[str, Any] | None, *, checked: bool) -> str:
         [
             *numbers(record.counts),
             place(record.centre),
-            f"{record.first} and {record.second}",
+            pair_name(str(record.first), str(record.second)),
         ]
         for record in every.listed
     ]
@@ -163,11 +182,7 @@ def _modelled(section: Mapping[str, Any] | None, *, checked: bool) -> str:
         rows.append([*numbers(every.others.counts), "", "others"])
     header = ["pairs before", "after", "triangles before", "after"]
     header = [*(["pairs", "triangles"] if checked else header), "around", "between"]
-    told = (
-        "<p>The parts stay where they meet; the numbers change as their surfaces slide in each "
-        "other. A triangle counts with each pair of parts that it is in.</p>"
-    )
-    return f"<h2>Modelled contacts, which stay</h2>{told}{html_table(header, rows)}"
+    return html_table(header, rows)
 
 
 def _worn(documents: Sequence[Mapping[str, Any]]) -> str:

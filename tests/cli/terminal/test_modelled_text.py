@@ -11,17 +11,23 @@ import numpy as np
 import pytest
 
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.modelled_text import modelled_line, print_modelled, worn_line
-from dtrepair.report.modelled import (
+from dtrepair.cli.terminal.modelled_text import (
+    modelled_line,
+    print_faults,
+    print_modelled,
+    worn_line,
+)
+from dtrepair.report.parts import (
     AttachedList,
     AttachedRecord,
-    ModelledList,
-    OtherParts,
+    OtherPartPairs,
+    PairCounts,
+    PartPairs,
     WornRecord,
 )
 from tests.command_line import OPEN, assert_fails, run, tube_obj
 from tests.jointed_arm import FRAMES, arm_stage
-from tests.report.modelled_records import part, record
+from tests.report.part_records import part, record
 
 
 def test_check_lists_the_pairs_of_parts_that_are_modelled(tmp_path: Path) -> None:
@@ -39,7 +45,7 @@ def test_check_lists_the_pairs_of_parts_that_are_modelled(tmp_path: Path) -> Non
 
 
 def test_what_meets_in_frames_only_is_called_so(capsys: pytest.CaptureFixture[str]) -> None:
-    frames = (SimpleNamespace(modelled=ModelledList(listed=(record(1, 46),))),)
+    frames = (SimpleNamespace(modelled=PartPairs(listed=(record(1, 46),))),)
     report: Any = SimpleNamespace(attached=AttachedList(), passing=(), frames=frames)
     print_modelled(Console(), report)
     row = capsys.readouterr().out.splitlines()[1]
@@ -48,13 +54,44 @@ def test_what_meets_in_frames_only_is_called_so(capsys: pytest.CaptureFixture[st
 
 @pytest.mark.parametrize("others", [0, 3])
 def test_what_no_frame_lists_is_explained(others: int, capsys: pytest.CaptureFixture[str]) -> None:
-    frame = SimpleNamespace(modelled=ModelledList(others=OtherParts(parts=others)))
+    frame = SimpleNamespace(modelled=PartPairs(others=OtherPartPairs(parts=others)))
     found = AttachedList(listed=(attached(2),))
     report: Any = SimpleNamespace(attached=found, passing=(), frames=(frame,))
     print_modelled(Console(), report)
     _, row, *rest = capsys.readouterr().out.splitlines()
     assert row.split()[1] == ("?" if others else "0")
     assert len(rest) == (others > 0) and all(own.startswith("?: a frame lists") for own in rest)
+
+
+def test_of_one_mesh_it_is_said_which_parts_met(tmp_path: Path) -> None:
+    path = arm_stage(tmp_path / "a.usda", np.linspace(0.0, 0.5, FRAMES))
+    out = run("check", path, "--strict").out
+    title, header, row = out.splitlines()[-4:-1]
+    assert title == "which parts of /Root/Arm met which, in all frames together:"
+    assert header.split() == ["pairs", "around", "of", "and"]
+    pairs = row.split()[0]
+    assert row.split()[4:] == ["part", "1", "part", "2"] and f" {pairs} pairs" in out
+    repaired = run("repair", path, "-o", tmp_path / "b.usda", "--rest-contacts", "repair").out
+    assert title in repaired.splitlines() and f"\n{pairs} " in repaired
+
+
+@pytest.mark.parametrize("checked", [True, False])
+def test_parts_of_several_meshes_are_told_by_their_paths(
+    checked: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = replace(record(1, 7, 2), second=part(None, "/Hero/Belt"))
+    itself = replace(record(3, 5), second=part(3))
+    others = OtherPartPairs(parts=4, counts=PairCounts(pairs_before=9, pairs_after=1))
+    found = PartPairs(listed=(other, itself), others=others)
+    print_faults(Console(), found, checked=checked)
+    title, _, *rows = capsys.readouterr().out.splitlines()
+    assert title == "which parts met which, in all frames together:"
+    after = [[], [], []] if checked else [["2"], ["0"], ["1"]]
+    assert [row.split() for row in rows] == [
+        ["7", *after[0], "7", "0", "0", "/Hero/Body", "part", "1", "/Hero/Belt"],
+        ["5", *after[1], "5", "0", "0", "/Hero/Body", "part", "3", "itself"],
+        ["9", *after[2], "4", "others"],
+    ]
 
 
 def test_it_is_said_where_nothing_is_modelled(tmp_path: Path) -> None:

@@ -12,8 +12,9 @@ from dtrepair.pipeline import PairsFound, check_stage, repair_keyposes, repair_s
 from dtrepair.pipeline.modelled.references import modelled_parts
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.sources import open_source
-from dtrepair.report.modelled import LISTED
+from dtrepair.report.parts import LISTED
 from dtrepair.report.record import Report
+from tests.command_line import tube_obj
 from tests.jointed_arm import FRAMES, arm, arm_mesh, arm_stage
 from tests.meshes import icosphere, joined
 from tests.pipeline.hosts import Listener
@@ -47,16 +48,15 @@ def studded_stage(path: Path) -> Path:
 def assert_lists_sum(report: Report) -> None:
     """The lists of each frame and of the run have exactly the pairs that were counted."""
     document = report.document()
-    items = [
-        (frame["before"], frame["after"], frame.get("modelled")) for frame in document["frames"]
-    ]
-    summary: dict[str, Any] = document["summary"]
-    whole = [{"modelled_pairs": summary[f"modelled_pairs_{when}"]} for when in ("before", "after")]
-    for before, after, listed in [*items, (*whole, summary.get("modelled"))]:
-        rows = [] if listed is None else [*listed["listed"], listed["others"]]
-        for when, count in (("before", before), ("after", after)):
-            total = sum(row["counts"][f"pairs_{when}"] for row in rows)
-            assert total == count["modelled_pairs"]
+    for name, counted in (("modelled", "modelled_pairs"), ("faults", "pairs")):
+        items = [(frame["before"], frame["after"], frame.get(name)) for frame in document["frames"]]
+        summary: dict[str, Any] = document["summary"]
+        whole = [{counted: summary[f"{counted}_{when}"]} for when in ("before", "after")]
+        for before, after, listed in [*items, (*whole, summary.get(name))]:
+            rows = [] if listed is None else [*listed["listed"], listed["others"]]
+            for when, count in (("before", before), ("after", after)):
+                total = sum(row["counts"][f"pairs_{when}"] for row in rows)
+                assert total == count[counted]
 
 
 def test_a_report_lists_what_was_modelled_by_parts(bending: Path, tmp_path: Path) -> None:
@@ -73,6 +73,24 @@ def test_a_report_lists_what_was_modelled_by_parts(bending: Path, tmp_path: Path
         }
         listed = report.frames[0].modelled.listed
         assert [record.first for record in listed] == [attached.first]
+
+
+def test_a_report_lists_which_parts_are_at_fault(bending: Path) -> None:
+    report = check_stage(bending, rest_contacts="repair")
+    assert_lists_sum(report)
+    every = [record for frame in report.frames for record in frame.faults.listed]
+    met = {(record.first.name, record.second.name) for record in every}
+    assert met == {("/Root/Arm part 1", "/Root/Arm part 2")}
+    assert sum(record.counts.triangles_before for record in every) == sum(
+        frame.before.triangles for frame in report.frames if frame.before is not None
+    )
+
+
+def test_a_single_part_has_no_list_of_parts(tmp_path: Path) -> None:
+    """It meets itself: which part that is needs no word."""
+    report = check_stage(tube_obj(tmp_path / "a.obj"))
+    assert report.frames[0].before is not None and report.frames[0].before.pairs > 0
+    assert not report.frames[0].faults and "faults" not in report.document()["summary"]
 
 
 def test_places_are_where_the_parts_are(bending: Path) -> None:

@@ -21,7 +21,7 @@ from dtrepair.pipeline import (
 )
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene import make_scene
-from dtrepair.report.modelled import WornRecord, parts_of
+from dtrepair.report.parts import WornRecord, parts_of
 from tests.command_line import run
 from tests.meshes import joined, tube
 from tests.pipeline.hosts import Listener

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dtrepair.report.modelled import LISTED, WornRecord, bounded
+from dataclasses import replace
+
 from dtrepair.report.page.page import make_page
+from dtrepair.report.parts import LISTED, WornRecord, bounded
 from dtrepair.report.record import (
     ContactRecord,
     CountRecord,
@@ -19,9 +21,9 @@ from dtrepair.report.sections import (
     SpanRecord,
     TransferRecord,
 )
-from tests.report.modelled_records import part, record
 from tests.report.page.tags import parsed
 from tests.report.page.test_page import document
+from tests.report.part_records import part, record
 
 
 def test_objects_and_pairs_have_their_numbers() -> None:
@@ -93,6 +95,16 @@ def test_modelled_contacts_have_a_table_of_their_own() -> None:
     assert "<td>50 0 0</td><td>/Hero/Body part 1 (412 triangles" in page
     others = 50 - LISTED
     assert f"<td>{others}</td><td>0</td><td>{2 * others}</td><td>0</td><td></td>" in page
+
+
+def test_parts_that_meet_have_a_table_of_their_own() -> None:
+    assert "<h2>Pairs of parts" not in make_page(document())
+    found = bounded([record(1, 50, 3), replace(record(2, 40), second=record(2, 0).first)])
+    frames = (FrameRecord(time=1.0, status="improved", faults=found),)
+    page = make_page(document(frames=frames))
+    parsed(page)
+    assert "<h2>Pairs of parts" in page and "<td>50</td><td>3</td><td>100</td><td>3</td>" in page
+    assert "part 2 (412 triangles, around 0.1 1.5 0) with itself</td>" in page
 
 
 def test_poses_between_keys_have_a_table_of_their_own() -> None:

@@ -8,20 +8,20 @@ from dataclasses import asdict
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dtrepair.report.modelled import (
+from dtrepair.report.parts import (
     LISTED,
     AttachedList,
     AttachedRecord,
-    ModelledCounts,
-    ModelledList,
+    PairCounts,
+    PartPairs,
     bounded,
     over_frames,
     summed,
 )
-from tests.report.modelled_records import part, record
+from tests.report.part_records import part, record
 
 
-def total(every: ModelledList) -> ModelledCounts:
+def total(every: PartPairs) -> PairCounts:
     return summed([every.others.counts, *(each.counts for each in every.listed)])
 
 
@@ -35,7 +35,7 @@ def test_a_list_is_bounded_and_its_rest_summed() -> None:
     every = bounded(records)
     assert every.listed == tuple(records[:LISTED]) and every.others.parts == 5
     assert total(every) == summed(each.counts for each in records)
-    assert not ModelledList() and every
+    assert not PartPairs() and every
 
 
 @given(st.lists(st.lists(st.integers(1, 50), max_size=30), max_size=5))
@@ -45,7 +45,7 @@ def test_sums_over_frames_lose_nothing(frames: list[list[int]]) -> None:
         for own in frames
     ]
     every = over_frames(lists)
-    assert total(every) == summed([ModelledCounts(), *map(total, lists)])
+    assert total(every) == summed([PairCounts(), *map(total, lists)])
     assert len(every.listed) <= LISTED
     pairs = [each.counts.pairs_before for each in every.listed]
     assert pairs == sorted(pairs, reverse=True)
@@ -59,7 +59,7 @@ def test_the_place_is_that_of_the_frame_with_most() -> None:
 
 def test_lists_are_read_back_from_json() -> None:
     every = bounded([record(number, 30, 2) for number in range(LISTED + 2)])
-    assert ModelledList.from_document(json.loads(json.dumps(asdict(every)))) == every
+    assert PartPairs.from_document(json.loads(json.dumps(asdict(every)))) == every
     attached = AttachedList(
         listed=(
             AttachedRecord(

@@ -48,7 +48,7 @@ class PartRecord:
 
 
 @dataclass(frozen=True)
-class ModelledCounts:
+class PairCounts:
     """Pairs of triangles that were modelled, in the input and in the result, and triangles.
 
     Triangles are all that are in these pairs: one that is in contacts of several pairs of parts
@@ -62,49 +62,49 @@ class ModelledCounts:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelledRecord:
+class PartPair:
     """Modelled contacts of two connected parts; centre: of these triangles, stage units, world."""
 
     first: PartRecord
     second: PartRecord
-    counts: ModelledCounts
+    counts: PairCounts
     centre: Point
 
 
 @dataclass(frozen=True, kw_only=True)
-class OtherParts:
+class OtherPartPairs:
     """The sum of what a list leaves out: so many pairs of parts."""
 
     parts: int = 0
-    counts: ModelledCounts = field(default_factory=ModelledCounts)
+    counts: PairCounts = field(default_factory=PairCounts)
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelledList:
+class PartPairs:
     """Modelled contacts by pairs of connected parts, those with most first, the rest summed."""
 
-    listed: tuple[ModelledRecord, ...] = ()
-    others: OtherParts = field(default_factory=OtherParts)
+    listed: tuple[PartPair, ...] = ()
+    others: OtherPartPairs = field(default_factory=OtherPartPairs)
 
     def __bool__(self) -> bool:
         """Whether anything modelled was met."""
-        return self != ModelledList()
+        return self != PartPairs()
 
     @classmethod
-    def from_document(cls, document: Mapping[str, Any]) -> ModelledList:
+    def from_document(cls, document: Mapping[str, Any]) -> PartPairs:
         """Return the list that a document was made of, read from JSON."""
         others = document["others"]
         return cls(
             listed=tuple(
-                ModelledRecord(
+                PartPair(
                     first=PartRecord.from_document(item["first"]),
                     second=PartRecord.from_document(item["second"]),
-                    counts=ModelledCounts(**item["counts"]),
+                    counts=PairCounts(**item["counts"]),
                     centre=_point(item["centre"]),
                 )
                 for item in document["listed"]
             ),
-            others=OtherParts(parts=others["parts"], counts=ModelledCounts(**others["counts"])),
+            others=OtherPartPairs(parts=others["parts"], counts=PairCounts(**others["counts"])),
         )
 
 
@@ -181,33 +181,31 @@ def parts_of(document: Mapping[str, Any]) -> dict[str, PartRecord]:
     return {name: PartRecord.from_document(part) for name, part in document.items()}
 
 
-def summed(counts: Iterable[ModelledCounts]) -> ModelledCounts:
+def summed(counts: Iterable[PairCounts]) -> PairCounts:
     """Return the sum of counts, number by number."""
     rows = [vars(each) for each in counts]
-    return ModelledCounts(
-        **{name: sum(row[name] for row in rows) for name in vars(ModelledCounts())}
-    )
+    return PairCounts(**{name: sum(row[name] for row in rows) for name in vars(PairCounts())})
 
 
-def bounded(records: Sequence[ModelledRecord], others: OtherParts | None = None) -> ModelledList:
+def bounded(records: Sequence[PartPair], others: OtherPartPairs | None = None) -> PartPairs:
     """Return the first of the records as a list, with the rest added to `others`."""
-    rest = others or OtherParts()
+    rest = others or OtherPartPairs()
     left_out = records[LISTED:]
     counts = summed([rest.counts, *(record.counts for record in left_out)])
-    return ModelledList(
+    return PartPairs(
         listed=tuple(records[:LISTED]),
-        others=OtherParts(parts=rest.parts + len(left_out), counts=counts),
+        others=OtherPartPairs(parts=rest.parts + len(left_out), counts=counts),
     )
 
 
-def over_frames(lists: Iterable[ModelledList]) -> ModelledList:
+def over_frames(lists: Iterable[PartPairs]) -> PartPairs:
     """Return the sums over frames, each place that of the frame with most pairs.
 
     What a frame leaves out of its list is among the others here, with the largest number of pairs
     of parts that one frame leaves out.
     """
-    found: dict[tuple[str, str], list[ModelledRecord]] = {}
-    others: list[OtherParts] = []
+    found: dict[tuple[str, str], list[PartPair]] = {}
+    others: list[OtherPartPairs] = []
     for each in lists:
         others.append(each.others)
         for record in each.listed:
@@ -216,7 +214,7 @@ def over_frames(lists: Iterable[ModelledList]) -> ModelledList:
     for same in found.values():
         most = max(same, key=_most)
         records.append(
-            ModelledRecord(
+            PartPair(
                 first=most.first,
                 second=most.second,
                 counts=summed(record.counts for record in same),
@@ -224,9 +222,9 @@ def over_frames(lists: Iterable[ModelledList]) -> ModelledList:
             )
         )
     records.sort(key=lambda record: -_most(record))
-    rest = OtherParts(
+    rest = OtherPartPairs(
         parts=max((each.parts for each in others), default=0),
-        counts=summed([ModelledCounts(), *(each.counts for each in others)]),
+        counts=summed([PairCounts(), *(each.counts for each in others)]),
     )
     return bounded(records, rest)
 
@@ -236,7 +234,7 @@ def place(centre: Sequence[float]) -> str:
     return " ".join(f"{value:.10g}" for value in centre)
 
 
-def _most(record: ModelledRecord) -> int:
+def _most(record: PartPair) -> int:
     return max(record.counts.pairs_before, record.counts.pairs_after)
 
 

@@ -1,0 +1,102 @@
+"""Names of the connected parts of an input, and places, so that a reader finds them again."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtrepair.numerics.geometry import FloatArray, components, weld_maps
+from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time
+from dtrepair.report.parts import PartRecord, Point
+
+# Positions are told to this part of the diagonal of all meshes.
+DIGITS = 1e-3
+
+
+class PartNames:
+    """Names connected parts of the meshes of a source, and tells where triangles lie.
+
+    Triangles are those of all meshes in a row, everywhere.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+
+    @cached_property
+    def connected(self) -> NDArray[np.integer]:
+        """The connected part (F,) of each triangle, where vertices at one place are one."""
+        time = placing_time(self.source, self.source.all_times)
+        placed = [self._in_world(mesh, time, mesh.rest) for mesh in self.source.meshes]
+        faces = weld_maps(placed)[self._faces]
+        label = components(faces, len(self._rest))
+        return np.unique(label[faces[:, 0]], return_inverse=True)[1].reshape(-1)
+
+    def named(self, part_of: NDArray[np.integer], count: int) -> list[PartRecord]:
+        """Return records of connected parts by the part (F,) of each triangle."""
+        faces, sizes = self._faces, np.bincount(part_of, minlength=count)
+        mesh_of = np.zeros(len(sizes), dtype=np.int64)
+        mesh_of[part_of] = np.repeat(
+            np.arange(len(self.source.meshes)), [len(mesh.faces) for mesh in self.source.meshes]
+        )
+        low, high = np.full((len(sizes), 3), np.inf), np.full((len(sizes), 3), -np.inf)
+        for corner in range(3):
+            np.minimum.at(low, part_of, self._rest[faces[:, corner]])
+            np.maximum.at(high, part_of, self._rest[faces[:, corner]])
+        rank = np.zeros(len(sizes), dtype=np.int64)
+        several = np.bincount(mesh_of, minlength=len(self.source.meshes)) > 1
+        for mesh in np.flatnonzero(several):
+            own = np.flatnonzero(mesh_of == mesh)
+            rank[own[np.argsort(-sizes[own], kind="stable")]] = 1 + np.arange(len(own))
+        return [
+            PartRecord(
+                path=self.source.meshes[mesh_of[part]].path,
+                number=int(rank[part]) or None,
+                triangles=int(sizes[part]),
+                centre=self._told(0.5 * (low[part] + high[part])),
+            )
+            for part in range(len(sizes))
+        ]
+
+    @cached_property
+    def _faces(self) -> NDArray[np.int64]:
+        """Triangles (F, 3) of all meshes in a row."""
+        starts = np.cumsum([0, *(len(mesh.rest) for mesh in self.source.meshes)])
+        shifted = zip(self.source.meshes, starts, strict=False)
+        return np.concatenate([mesh.faces + start for mesh, start in shifted])
+
+    @cached_property
+    def _rest(self) -> FloatArray:
+        """Points (V, 3) of all meshes before anything deforms them, world space."""
+        time = placing_time(self.source, self.source.all_times)
+        placed = [self._in_world(mesh, time, mesh.rest) for mesh in self.source.meshes]
+        return np.concatenate(placed) + self.source.origin
+
+    @cached_property
+    def _decimals(self) -> int:
+        step = DIGITS * float(np.linalg.norm(np.ptp(self._rest, axis=0)))
+        return -int(np.floor(np.log10(step))) if step > 0.0 else 6
+
+    def _told(self, point: FloatArray) -> Point:
+        """Return a position with as many digits as anybody can make use of."""
+        x, y, z = (np.round(point, self._decimals) + 0.0).tolist()
+        return (x, y, z)
+
+    def where(self, points: NDArray[Any], contacts: NDArray[np.integer], time: float) -> Point:
+        """Return the middle of the triangles of contacts (K, 2) of a pose (V, 3), in the world."""
+        corners = self._faces[np.unique(contacts)]
+        middle = points[corners].astype(np.float64).mean(axis=(0, 1))
+        if len(self.source.meshes) == 1:
+            middle = self._in_world(self.source.meshes[0], time, middle[None])[0]
+        return self._told(middle + self.source.origin)
+
+    def _in_world(self, mesh: SourceMesh, time: float, points: NDArray[Any]) -> FloatArray:
+        """Return points in world space; as they are where the transform is no number."""
+        from usd_io import FrameError
+
+        try:
+            return np.asarray(self.source.to_world(mesh, time, points))
+        except FrameError:
+            return np.asarray(points, dtype=np.float64)

@@ -12,7 +12,7 @@ from dtrepair.repair.relief.approach import ApproachOptions
 from dtrepair.repair.relief.bodies_first import BodiesFirstOptions
 from dtrepair.repair.relief.followers import FollowerOptions
 from dtrepair.repair.relief.opening import OpeningOptions
-from dtrepair.repair.relief.props_back import PropsBackOptions
+from dtrepair.repair.relief.props import PropsBackOptions
 from dtrepair.repair.relief.relief import ReliefOptions
 from dtrepair.repair.separation.layer_lift import LiftOptions
 from dtrepair.repair.separation.release import ReleaseOptions

@@ -221,6 +221,7 @@ def make_bodies(
                 name=mesh.path,
                 of_set=mesh.faces_away is not None,
                 prop=mesh.prop,
+                bends=own.rigid is False,
             )
         )
     return PlacedBodies(bodies, met)

@@ -14,6 +14,7 @@ from dtrepair.repair.relief.approach import ApproachOptions
 from dtrepair.repair.relief.borrowing import BorrowingOptions
 from dtrepair.repair.relief.inside_out import InsideOutOptions
 from dtrepair.repair.relief.other_ways import OtherWayOptions
+from dtrepair.repair.scene.props import MachineOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +31,7 @@ class ClipOptions(LayoutOptions):
         solving: Share of a window's work that solving is taken to be, for the progress that is
             told; judging and what goes again are the rest.
         ways: Which other ways through strained frames are taken.
+        machine: When the bodies of a machine stay rigid.
         windows: Numbers of the stages of a window.
         mend: Numbers of the mending of that frame.
         inside_out: When bodies are repaired before their clothes.
@@ -49,6 +51,7 @@ class ClipOptions(LayoutOptions):
     windows: WindowOptions = field(default_factory=WindowOptions)
     mend: MendOptions = field(default_factory=MendOptions)
     ways: OtherWayOptions = field(default_factory=OtherWayOptions)
+    machine: MachineOptions = field(default_factory=MachineOptions)
     inside_out: InsideOutOptions = field(default_factory=InsideOutOptions)
     borrow: BorrowingOptions = field(default_factory=BorrowingOptions)
     agree: AgreeOptions = field(default_factory=AgreeOptions)

@@ -28,10 +28,9 @@ from dtrepair.repair.relief.other_ways import (
     frames_off,
     left_over,
     on_other_ways,
-    with_props,
     with_turns,
 )
-from dtrepair.repair.relief.props_back import props_back
+from dtrepair.repair.relief.props import machine_kept_whole, props_back, with_props
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.relief.starting_again import started_again
 from dtrepair.repair.scene.bounds import Judged, bounded_frames
@@ -133,8 +132,11 @@ class WindowRepairer:
         if not any(frame.wrong for frame in frames):
             return [Judged(frame.centred) for frame in frames], meshes
         solved, place = without_holds(frames, longest=self.options.longest_hold)
-        tied, most = is_tied(meshes.scene), self._work
-        most += effort * ways.enough_work(meshes.scene, len(solved))
+        self._worth = share * len(frames) / len(solved)
+        tied = is_tied(meshes.scene)
+        stiff = self.options.machine
+        machine = machine_kept_whole(meshes, solved, self._judged, options=stiff)
+        most = self._work + effort * ways.enough_work(meshes.scene, len(solved))
 
         def enough() -> bool:
             return tied and self._work > most
@@ -149,15 +151,16 @@ class WindowRepairer:
         # are pushed, and what that strains is solved twice.
         first = meshes.dressed if tied else None
         spread = partial(side_by_side, jobs=self.jobs)
-        solved = outer_sides_first(meshes, solved, on_all_ways, stays_dirty, spread)
-        self._worth = share * len(frames) / len(solved)
-        judged, taken = with_props(first or meshes, solved, self._judged, options=ways)
+        if machine is None:
+            solved = outer_sides_first(meshes, solved, on_all_ways, stays_dirty, spread)
+        own = first or meshes
+        judged, taken = machine or with_props(own, solved, self._judged, options=ways)
         if tied and not enough():
             judged = from_themselves(meshes.scene, solved, judged, partial(self._judged, taken))
         limits = self._judged, enough
         judged, taken = on_other_ways(taken, solved, judged, *limits, options=ways)
         judged = with_turns(taken, solved, judged, *limits, options=ways)
-        if first is None:
+        if first is None and machine is None:
             meshes = taken
         else:
             meshes = meshes.with_rigid({k for k, own in enumerate(taken.scene.bodies) if own.rigid})

@@ -1,4 +1,4 @@
-"""Other ways through frames of a clip that are not clean: props rigid, other creases shared."""
+"""Other ways through frames of a clip that are not clean: strained props rigid, other creases."""
 
 from __future__ import annotations
 
@@ -85,67 +85,6 @@ class OtherWayOptions:
         number = max(1, round(usual * min(self.more, self.large / max(triangles, 1))))
         order = np.lexsort((np.asarray(left), ~chosen))[:number]
         return runs_of(chosen & np.isin(np.arange(len(chosen)), order))
-
-
-def with_props(
-    meshes: WeldedMeshes,
-    frames: Sequence[Pose],
-    judge: Judge[Pose],
-    *,
-    options: OtherWayOptions = OtherWayOptions(),
-) -> tuple[list[Judged], WeldedMeshes]:
-    """Return the repaired poses of a window, and the meshes they are of: with props rigid.
-
-    They bend where that leaves less, or the frame that moves farthest moves much less by it.
-    """
-    rigid = meshes.with_props
-    judged = judge(rigid, list(frames))
-    if rigid is meshes:
-        return judged, meshes
-    left = left_over(rigid.scene, frames, judged)
-    if any(left):
-        helps = _met_where_left(rigid.scene, frames, judged)
-    else:
-        helps = _bends_nearer(meshes, frames, judged, judge, options)
-    if not helps:
-        return judged, rigid
-    other = judge(meshes, list(frames))
-    less = left_over(meshes.scene, frames, other)
-    far, near = (farthest_move(meshes.scene, frames, own) for own in (judged, other))
-    nearer = less == left and options.much_farther(far, near)
-    return (other, meshes) if less < left or nearer else (judged, rigid)
-
-
-def _met_where_left(scene: Scene, frames: Sequence[OpenedPose], judged: Sequence[Judged]) -> bool:
-    """Return whether something met a prop in a frame in which anything is wrong yet."""
-    props = [k for k, body in enumerate(scene.bodies) if body.prop]
-    of_prop = np.isin(scene.body_of, props)
-    poses = [own.points for own in judged]
-    wrong = wrong_in(scene, frames, poses)
-    return any(
-        bool(of_prop[frame.pairs].any()) and (left > 0 or came_off(scene, frame, pose))
-        for frame, left, pose in zip(frames, wrong, poses, strict=True)
-    )
-
-
-def _bends_nearer(
-    meshes: WeldedMeshes,
-    frames: Sequence[Pose],
-    judged: Sequence[Judged],
-    judge: Judge[Pose],
-    options: OtherWayOptions,
-) -> bool:
-    """Return whether the frame that moves farthest comes clean much nearer where props bend."""
-    scene = meshes.scene
-    both = zip(frames, judged, strict=True)
-    moves = [farthest_move(scene, [frame], [own]) for frame, own in both]
-    worst = int(np.argmax(moves))
-    if moves[worst] <= options.far:
-        return False
-    own = [frames[worst]]
-    other = judge(meshes, own)
-    nearer = options.much_farther(moves[worst], farthest_move(scene, own, other))
-    return nearer and not any(left_over(scene, own, other))
 
 
 def on_other_ways(

@@ -46,6 +46,7 @@ class Body:
         of_set: It is of the set around what moves, by which no lengths are measured.
         prop: A transform carries it, beside bodies that bend: it is rigid where that leaves no
             more than bending it does, unless it is worn, or attached to another body.
+        bends: The user says that it is not rigid: it bends, however it moves in the input.
 
     Raises:
         ValueError: diffusion or mobility out of range. What must fit the mesh, a scene checks.
@@ -62,6 +63,7 @@ class Body:
     layer: ArrayLike | None = None
     of_set: bool = False
     prop: bool = False
+    bends: bool = False
 
     def __post_init__(self) -> None:
         """Check the numbers that stand for the whole body."""

@@ -5,18 +5,21 @@ A rifle, a shield or a plate that moves as a whole in the input was never meant 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dtrepair.diagnosis import StrainKind
+from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, diagonal, lengths
 from dtrepair.repair.scene.bodies import mobility_of
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
 
+# Makes bodies of a scene rigid.
+Stiffen = Callable[[Scene, Sequence[int]], Scene]
 # Strains of a shape, not of where it is.
 SHAPE = (StrainKind.EDGES, StrainKind.VOLUME, StrainKind.LIMB, StrainKind.FLIPS)
 
@@ -31,6 +34,24 @@ class PropOptions:
     """
 
     rounding: float = 1e-4
+
+
+@dataclass(frozen=True, kw_only=True)
+class MachineOptions:
+    """Which bodies that move as wholes are a machine, and when they stay rigid.
+
+    Args:
+        share: They have this share of the triangles of all that moves.
+        turning: Those of them that move against the largest one have this share: others stand in
+            the pose of the rest.
+        against: How far they do so in some pose, diagonals.
+        left: By itself the worst frame keeps at most this share of its pairs where they are rigid.
+    """
+
+    share: float = 2.0 / 3.0
+    turning: float = 1.0 / 3.0
+    against: float = 0.01
+    left: float = 0.1
 
 
 def bent_bodies(scene: Scene, judged: Judged) -> set[int]:
@@ -55,6 +76,38 @@ def props_among(
     )
 
 
+def machine_bodies(
+    scene: Scene, poses: Sequence[FloatArray], *, options: MachineOptions = MachineOptions()
+) -> tuple[int, ...]:
+    """Return the bodies that move as wholes in all poses (V, 3); none unless they are a machine.
+
+    A body of which somebody says how it bends is not among them.
+    """
+    moving = [k for k in range(len(scene.bodies)) if not scene.never_moves[k]]
+    free = [k for k in moving if scene.bodies[k].diffusion is None and not scene.bodies[k].bends]
+    sizes = np.diff(scene.triangle_starts)
+    most, whole = sizes[moving].sum(), props_among(scene, free, poses)
+    if sizes[list(whole)].sum() < max(options.share * most, 1):
+        return ()
+    largest = max(whole, key=lambda body: int(sizes[body]))
+    turning = [k for k in whole if _moves_against(scene, k, largest, poses, options.against)]
+    return whole if sizes[turning].sum() >= options.turning * most else ()
+
+
+def _moves_against(
+    scene: Scene, body: int, other: int, poses: Sequence[FloatArray], least: float
+) -> bool:
+    """Return whether a body moves against another one in a pose (V, 3), by this, diagonals."""
+    own, weights = scene.vertices_of(body), np.zeros(len(scene.rest))
+    weights[scene.vertices_of(other)] = 1.0
+    carried = RigidBodies([(0, len(weights))], weights)
+    rest = scene.centred_rest
+    far = least * scene.scale.diagonal(rest)
+    return any(
+        float(lengths(carried.fitted(rest, pose)[own] - pose[own]).max()) > far for pose in poses
+    )
+
+
 def _goes_whole(scene: Scene, body: int, pose: FloatArray, options: PropOptions) -> bool:
     """Return whether a body of a pose (V, 3) is a rigid motion of its rest."""
     own = scene.vertices_of(body)
@@ -73,3 +126,25 @@ def with_rigid(scene: Scene, bodies: Sequence[int]) -> Scene:
         mobility[vertices] = mobility_of(own[index], len(mobility[vertices]))
     forgotten = "rigid", "strain_meter", "seams", "rest_sewn"
     return scene.changed(*forgotten, bodies=tuple(own), mobility=mobility)
+
+
+def as_wholes(scene: Scene, bodies: Sequence[int]) -> Scene:
+    """Return a scene in which some bodies are rigid, and have no contacts and joints of their own.
+
+    What overlaps within a body that moves as a whole does so in every pose.
+    """
+    rigid = with_rigid(scene, bodies)
+
+    def between(reference: Reference) -> Reference:
+        first, second = scene.body_of[reference.pairs].T
+        return reference._replace(
+            pairs=reference.pairs[(first != second) | ~np.isin(first, bodies)]
+        )
+
+    return replace(
+        scene,
+        bodies=rigid.bodies,
+        mobility=rigid.mobility,
+        ignored=(*scene.ignored, *((k, k) for k in bodies)),
+        references=tuple(map(between, scene.references)),
+    )

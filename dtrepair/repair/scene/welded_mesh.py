@@ -16,7 +16,7 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, differing
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import Solved
-from dtrepair.repair.scene.props import props_among, with_rigid
+from dtrepair.repair.scene.props import Stiffen, props_among, with_rigid
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.sub_scene import (
     OuterSides,
@@ -191,7 +191,7 @@ class WeldedMeshes:
         self._full, self._paper, self._surface = full, paper, surface
         self._known: dict[bytes, WeldedMesh] = {}
         self._with_options: dict[str, WeldedMeshes] = {}
-        self._stiffer: dict[tuple[int, ...], WeldedMeshes] = {}
+        self._stiffer: dict[str, WeldedMeshes] = {}
         self._groups: dict[tuple[int, ...], PartMeshes[SubScene]] = {}
 
     def _of(self, scene: Scene, way: str, surface: SurfaceOptions | None = None) -> WeldedMeshes:
@@ -300,14 +300,15 @@ class WeldedMeshes:
         bodies = self.scene.bodies
         return self.with_rigid([k for k, body in enumerate(bodies) if body.prop])
 
-    def with_rigid(self, bodies: Collection[int]) -> WeldedMeshes:
-        """Return the meshes in which some bodies are rigid, besides those that are."""
+    def with_rigid(self, bodies: Collection[int], make: Stiffen = with_rigid) -> WeldedMeshes:
+        """Return the meshes in which some bodies are rigid, too, as `make` has them."""
         props = tuple(k for k in sorted(bodies) if not self.scene.bodies[k].rigid)
         if not props:
             return self
-        if props not in self._stiffer:
-            self._stiffer[props] = self._of(with_rigid(self.scene, props), f"rigid {props}")
-        return self._stiffer[props]
+        key = f"{make.__name__} {props}"
+        if key not in self._stiffer:
+            self._stiffer[key] = self._of(make(self.scene, props), key)
+        return self._stiffer[key]
 
     def __call__(self, welds: Sequence[IntArray]) -> WeldedMesh:
         """Return the mesh of poses with welds (V,): what coincides there and at rest is one."""

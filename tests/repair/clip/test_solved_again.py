@@ -19,6 +19,7 @@ from dtrepair.repair.full.method import solve_alone
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.relief.other_ways import OtherWayOptions
 from dtrepair.repair.result import RepairResult
+from dtrepair.repair.scene.props import MachineOptions
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.separation.starts import Starts
 from dtrepair.repair.surface.ties import TieOptions
@@ -112,7 +113,7 @@ def results_of(
     frames = [winged(angle) for angle in angles]
     scene, cuts = frames[0][0], CutOptions(ratio=np.inf, always=np.inf)
     poses = [np.split(frame.centred, [scene.vertex_starts[1]]) for _, frame, _ in frames]
-    options = ClipOptions(cuts=cuts, ways=ways)
+    options = ClipOptions(cuts=cuts, ways=ways, machine=MachineOptions(share=2.0))
     clips = ClipRepairer(scene, WeldedMeshes(scene), options=options, make_method=method)
     return [frame.results for frame in clips.stream(enumerate(poses), jobs=1)]
 

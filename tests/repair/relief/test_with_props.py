@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dtrepair import Body, RepairOptions
-from dtrepair.repair.relief.other_ways import with_props
+from dtrepair.repair.relief.props import with_props
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered

@@ -18,7 +18,7 @@ from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import gathered
-from dtrepair.repair.scene.props import bent_bodies, props_among, with_rigid
+from dtrepair.repair.scene.props import MachineOptions, bent_bodies, props_among, with_rigid
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.strain.meter import Excess, StrainOptions
@@ -133,7 +133,10 @@ def test_strained_frames_of_attached_parts_go_another_way_alone(
 ) -> None:
     # It bends there, and may slide.
     strain = StrainOptions(factor=1.001, edges=0, edges_share=0.0, slide=0.01)
-    clip = replace(TIGHT, independent=IndependentOptions(strain=strain))
+    # Else it is a machine, which is kept rigid from the start.
+    clip = replace(
+        TIGHT, independent=IndependentOptions(strain=strain), machine=MachineOptions(share=2.0)
+    )
     scene, poses = None, []
     for angle in angles:
         scene, frame, _ = winged(angle)

@@ -1,4 +1,4 @@
-"""What a report says of modelled contacts: of which connected parts, how many, and where."""
+"""What a report says of contacts by pairs of connected parts: how many, and where."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class PartRecord:
 
 @dataclass(frozen=True)
 class PairCounts:
-    """Pairs of triangles that were modelled, in the input and in the result, and triangles.
+    """Pairs of triangles that meet, in the input and in the result, and triangles.
 
     Triangles are all that are in these pairs: one that is in contacts of several pairs of parts
     counts with each of them, and is in the sum of the others several times.
@@ -63,12 +63,17 @@ class PairCounts:
 
 @dataclass(frozen=True, kw_only=True)
 class PartPair:
-    """Modelled contacts of two connected parts; centre: of these triangles, stage units, world."""
+    """Contacts of two connected parts, or of one with itself; centre: stage units, world."""
 
     first: PartRecord
     second: PartRecord
     counts: PairCounts
     centre: Point
+
+    @property
+    def itself(self) -> bool:
+        """Whether a part met itself."""
+        return self.first.name == self.second.name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,13 +86,13 @@ class OtherPartPairs:
 
 @dataclass(frozen=True, kw_only=True)
 class PartPairs:
-    """Modelled contacts by pairs of connected parts, those with most first, the rest summed."""
+    """Contacts by pairs of connected parts, those with most first, the rest summed."""
 
     listed: tuple[PartPair, ...] = ()
     others: OtherPartPairs = field(default_factory=OtherPartPairs)
 
     def __bool__(self) -> bool:
-        """Whether anything modelled was met."""
+        """Whether anything met."""
         return self != PartPairs()
 
     @classmethod

@@ -108,7 +108,7 @@ class FrameRecord:
     """One frame: what was found, what was done, what is left. Counts are None where it failed.
 
     enclosed: None where nobody looked. modelled: modelled contacts by pairs of parts.
-    faults: all others that count, by pairs of parts, where a mesh has several.
+    faults: contacts that count, by pairs of parts, where there are several.
     left: what a repair left, of all objects.
     geodesic: the largest distance along a mesh between two of its triangles that still intersect,
     of the mesh's largest coordinate range: small where only creases are left. normal_consistency:

@@ -11,6 +11,7 @@ from dtrepair.report.parts import (
     PairCounts,
     PartPair,
     PartPairs,
+    PartRecord,
     PassingRecord,
     WornRecord,
     place,
@@ -55,23 +56,26 @@ def print_modelled(console: Console, report: Report) -> None:
         )
 
 
-def print_faults(console: Console, found: PartPairs, *, checked: bool) -> None:
+def print_faults(console: Console, found: PartPairs, *, single: bool, checked: bool) -> None:
     """Print which connected parts met which in all frames together, and where in the worst one.
 
-    checked: whether nothing was repaired.
+    single: whether all are of one mesh, which is named once; checked: whether nothing was repaired.
     """
-    paths = {part.path for record in found.listed for part in (record.first, record.second)}
-    of = f" of {paths.pop()}" if len(paths) == 1 else ""
+
+    def name(part: PartRecord) -> str:
+        return f"part {part.number}" if single else part.name
+
     rows = []
     for record in found.listed:
-        first, second = (
-            f"part {part.number}" if of else part.name for part in (record.first, record.second)
-        )
-        counts = _pairs(record.counts, checked=checked)
-        rows.append([*counts, place(record.centre), first, "itself" if second == first else second])
+        both = name(record.first), "itself" if record.itself else name(record.second)
+        rows.append([*_pairs(record.counts, checked=checked), place(record.centre), *both])
     if others := found.others.parts:
-        rows.append([*_pairs(found.others.counts, checked=checked), "", f"{others} others", ""])
-    console.result(f"which parts{of} met which, in all frames together:")
+        counts = _pairs(found.others.counts, checked=checked)
+        rows.append([*counts, "", counted(others, "other pair"), "of parts"])
+    of = f" of {found.listed[0].first.path}" if single else ""
+    console.result(
+        f"which parts{of} met which, in all frames together (1 is the part with most triangles):"
+    )
     header = ["pairs"] if checked else ["pairs before", "after"]
     console.table([*header, "around", "of", "and"], rows)
 

@@ -103,7 +103,8 @@ def print_met(console: Console, totals: Mapping[str, Any], *, checked: bool = Fa
     """
     print_contacts(console, totals["contacts"], checked=checked)
     if "faults" in totals and (not totals["contacts"] or console.verbosity > 0):
-        print_faults(console, PartPairs.from_document(totals["faults"]), checked=checked)
+        found, single = PartPairs.from_document(totals["faults"]), not totals["contacts"]
+        print_faults(console, found, single=single, checked=checked)
 
 
 def print_contacts(

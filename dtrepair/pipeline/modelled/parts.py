@@ -1,4 +1,4 @@
-"""Names of the connected parts of an input, and lists of the contacts of theirs that were modelled.
+"""Lists of the contacts of the connected parts of an input: what was modelled, what is a fault.
 
 Attachments know parts and triangles by number; a report names them so that they are found again.
 """
@@ -57,7 +57,7 @@ class InFrame(NamedTuple):
 
 
 class ModelledParts:
-    """The connected parts of an input by name; lists what was modelled between them.
+    """The connected parts of an input by name; lists what was modelled, and what is a fault.
 
     Args:
         source: The meshes.
@@ -94,16 +94,17 @@ class ModelledParts:
         after: SceneCount,
         new: Sequence[NDArray[Any]],
     ) -> InFrame:
-        """List what of a frame was modelled and, where a mesh has several parts, what is a fault.
+        """List what of a frame was modelled and, where there are several parts, what is a fault.
 
         Pairs sum to those of the counts; a triangle counts with each pair of parts that it is in.
         old, new: points of each mesh in the space of the frames, before and after.
         """
         points = np.concatenate(old), np.concatenate(new)
         modelled = self._listed((before.modelled, after.modelled), points, time)
-        if all(record.number is None for record in self.records):
+        faults = before.pairs, after.pairs
+        if not any(map(len, faults)) or len(self.records) < 2:
             return InFrame(modelled, PartPairs())
-        return InFrame(modelled, self._listed((before.pairs, after.pairs), points, time))
+        return InFrame(modelled, self._listed(faults, points, time))
 
     def _listed(
         self, contacts: Sequence[NDArray[Any]], poses: Sequence[NDArray[Any]], time: float

@@ -132,10 +132,13 @@ class WindowRepairer:
         if not any(frame.wrong for frame in frames):
             return [Judged(frame.centred) for frame in frames], meshes
         solved, place = without_holds(frames, longest=self.options.longest_hold)
-        self._worth = share * len(frames) / len(solved)
-        tied = is_tied(meshes.scene)
-        stiff = self.options.machine
-        machine = machine_kept_whole(meshes, solved, self._judged, options=stiff)
+        tied, worth = is_tied(meshes.scene), share * len(frames) / len(solved)
+        # Attached parts take their garments along from the start: through a coat that is free limbs
+        # are pushed, and what that strains is solved twice.
+        usual, self._worth = (meshes.dressed if tied else None) or meshes, worth
+        found, numbers = None, self.options.independent
+        if self.meshes.scene.options.clearance == 0.0:  # Else what is rigid makes no room.
+            found = machine_kept_whole(usual, solved, self._judged, ways, self.options.machine)
         most = self._work + effort * ways.enough_work(meshes.scene, len(solved))
 
         def enough() -> bool:
@@ -145,26 +148,22 @@ class WindowRepairer:
             return self._on_all_ways(sides, opened, share, effort / 2.0)[0]
 
         def stays_dirty(frame: Frame) -> bool:
-            return any(left_over(meshes.scene, [frame], self._judged(first or meshes, [frame])))
+            return any(left_over(meshes.scene, [frame], self._judged(usual, [frame])))
 
-        # Attached parts take their garments along from the start: through a coat that is free limbs
-        # are pushed, and what that strains is solved twice.
-        first = meshes.dressed if tied else None
-        spread = partial(side_by_side, jobs=self.jobs)
-        if machine is None:
+        if found is None:
+            spread = partial(side_by_side, jobs=self.jobs)
             solved = outer_sides_first(meshes, solved, on_all_ways, stays_dirty, spread)
-        own = first or meshes
-        judged, taken = machine or with_props(own, solved, self._judged, options=ways)
+            self._worth = worth  # The outer sides told theirs.
+            found = with_props(usual, solved, self._judged, options=ways)
+        judged, taken = found
         if tied and not enough():
             judged = from_themselves(meshes.scene, solved, judged, partial(self._judged, taken))
         limits = self._judged, enough
         judged, taken = on_other_ways(taken, solved, judged, *limits, options=ways)
         judged = with_turns(taken, solved, judged, *limits, options=ways)
-        if first is None and machine is None:
-            meshes = taken
-        else:
-            meshes = meshes.with_rigid({k for k, own in enumerate(taken.scene.bodies) if own.rigid})
-        times, numbers = _times(solved), self.options.independent
+        rigid = [k for k, body in enumerate(taken.scene.bodies) if body.rigid]
+        meshes = meshes.with_rigid(rigid) if tied else taken
+        times = _times(solved)
         judged = props_back(meshes.scene, solved, judged, times, options=numbers.props_back)
         judged = with_followers(meshes.scene, solved, judged, times, options=numbers.followers)
         return [judged[index] for index in place], meshes

@@ -17,7 +17,7 @@ from dtrepair.repair.relief.other_ways import Judge, OtherWayOptions, farthest_m
 from dtrepair.repair.scene.bounds import Judged, came_off, faults_left, wrong_in, wrong_of_groups
 from dtrepair.repair.scene.holding import is_tied
 from dtrepair.repair.scene.opened_pose import OpenedPose, Pose
-from dtrepair.repair.scene.props import MachineOptions, as_wholes, machine_bodies
+from dtrepair.repair.scene.props import MachineOptions, machine_bodies
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 
@@ -41,13 +41,13 @@ def machine_kept_whole(
     meshes: WeldedMeshes,
     frames: Sequence[Pose],
     judge: Judge[Pose],
-    *,
+    ways: OtherWayOptions = OtherWayOptions(),
     options: MachineOptions = MachineOptions(),
 ) -> tuple[list[Judged], WeldedMeshes] | None:
     """Return the clean poses of a window of a machine that stays rigid, and its meshes.
 
-    None where it is none, or not all frames come clean that way. Limbs of a machine that press into
-    each other deeper than its joints have play have to bend.
+    None where it is none, or not all frames come clean that way, or much nearer where it bends.
+    Limbs of a machine that press into each other deeper than its joints have play have to bend.
     """
     scene = meshes.scene
     if not is_tied(scene):
@@ -55,14 +55,16 @@ def machine_kept_whole(
     whole = machine_bodies(scene, [frame.centred for frame in frames], options=options)
     if not whole:
         return None
-    rigid = meshes.with_rigid(whole, as_wholes)
+    rigid = meshes.with_rigid(whole, wholes=True)
     worst = max(frames, key=lambda frame: frame.wrong)
     (alone,) = judge(rigid, [worst])
     (left,) = faults_left(scene, [worst], [alone])
     if alone.lowered or left > options.left * worst.wrong:
         return None
-    judged = judge(rigid, list(frames))
-    return None if any(left_over(scene, frames, judged)) else (judged, rigid)
+    judged = judge(rigid, list(frames)) if frames[1:] else [alone]
+    if any(left_over(scene, frames, judged)) or _bends_nearer(meshes, frames, judged, judge, ways):
+        return None
+    return judged, rigid
 
 
 def with_props(

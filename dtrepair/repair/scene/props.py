@@ -1,11 +1,12 @@
 """Things that one joint or one transform carries are rigid, where bending them strains them.
 
-A rifle, a shield or a plate that moves as a whole in the input was never meant to bend.
+A rifle, a shield or a plate that moves as a whole in the input was never meant to bend; nor were
+the bodies of a machine, which are most of what moves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,8 +19,6 @@ from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
 
-# Makes bodies of a scene rigid.
-Stiffen = Callable[[Scene, Sequence[int]], Scene]
 # Strains of a shape, not of where it is.
 SHAPE = (StrainKind.EDGES, StrainKind.VOLUME, StrainKind.LIMB, StrainKind.FLIPS)
 
@@ -45,7 +44,8 @@ class MachineOptions:
         turning: Those of them that move against the largest one have this share: others stand in
             the pose of the rest.
         against: How far they do so in some pose, diagonals.
-        left: By itself the worst frame keeps at most this share of its pairs where they are rigid.
+        left: By itself the worst frame keeps at most this share of its pairs, and of parts inside
+            others, where they are rigid.
     """
 
     share: float = 2.0 / 3.0
@@ -81,31 +81,39 @@ def machine_bodies(
 ) -> tuple[int, ...]:
     """Return the bodies that move as wholes in all poses (V, 3); none unless they are a machine.
 
-    A body of which somebody says how it bends is not among them.
+    A body of which somebody says how it bends, or where it is held, is not among them.
     """
-    moving = [k for k in range(len(scene.bodies)) if not scene.never_moves[k]]
-    free = [k for k in moving if scene.bodies[k].diffusion is None and not scene.bodies[k].bends]
+    bodies = scene.bodies
+    moving = [k for k in range(len(bodies)) if not scene.never_moves[k]]
+    free = [k for k in moving if not bodies[k].bends and bodies[k].diffusion is None]
+    whole = props_among(scene, [k for k in free if bodies[k].pin is None], poses)
     sizes = np.diff(scene.triangle_starts)
-    most, whole = sizes[moving].sum(), props_among(scene, free, poses)
+    most = sizes[moving].sum()
     if sizes[list(whole)].sum() < max(options.share * most, 1):
         return ()
-    largest = max(whole, key=lambda body: int(sizes[body]))
-    turning = [k for k in whole if _moves_against(scene, k, largest, poses, options.against)]
+    turning = _moving_against(scene, whole, int(np.argmax(sizes[list(whole)])), poses, options)
     return whole if sizes[turning].sum() >= options.turning * most else ()
 
 
-def _moves_against(
-    scene: Scene, body: int, other: int, poses: Sequence[FloatArray], least: float
-) -> bool:
-    """Return whether a body moves against another one in a pose (V, 3), by this, diagonals."""
-    own, weights = scene.vertices_of(body), np.zeros(len(scene.rest))
-    weights[scene.vertices_of(other)] = 1.0
+def _moving_against(
+    scene: Scene,
+    whole: Sequence[int],
+    largest: int,
+    poses: Sequence[FloatArray],
+    options: MachineOptions,
+) -> list[int]:
+    """Return which bodies that move as wholes move against the largest of them in some pose.
+
+    largest: its place among them.
+    """
+    weights = np.zeros(len(scene.rest))
+    weights[scene.vertices_of(whole[largest])] = 1.0
     carried = RigidBodies([(0, len(weights))], weights)
-    rest = scene.centred_rest
-    far = least * scene.scale.diagonal(rest)
-    return any(
-        float(lengths(carried.fitted(rest, pose)[own] - pose[own]).max()) > far for pose in poses
-    )
+    far = np.zeros(len(weights))
+    for pose in poses:
+        far = np.maximum(far, lengths(carried.fitted(scene.centred_rest, pose) - pose))
+    least = options.against * scene.scale.diagonal(scene.centred_rest)
+    return [body for body in whole if far[scene.vertices_of(body)].max() > least]
 
 
 def _goes_whole(scene: Scene, body: int, pose: FloatArray, options: PropOptions) -> bool:

@@ -16,7 +16,7 @@ from dtrepair.numerics.geometry import FloatArray, IntArray, differing
 from dtrepair.repair.full.method import FullMethod, FullOptions
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.result import Solved
-from dtrepair.repair.scene.props import Stiffen, props_among, with_rigid
+from dtrepair.repair.scene.props import as_wholes, props_among, with_rigid
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.sub_scene import (
     OuterSides,
@@ -190,8 +190,7 @@ class WeldedMeshes:
         self.scene, self.way, self._queue = scene, way, queue
         self._full, self._paper, self._surface = full, paper, surface
         self._known: dict[bytes, WeldedMesh] = {}
-        self._with_options: dict[str, WeldedMeshes] = {}
-        self._stiffer: dict[str, WeldedMeshes] = {}
+        self._ways: dict[str, WeldedMeshes] = {}
         self._groups: dict[tuple[int, ...], PartMeshes[SubScene]] = {}
 
     def _of(self, scene: Scene, way: str, surface: SurfaceOptions | None = None) -> WeldedMeshes:
@@ -201,10 +200,10 @@ class WeldedMeshes:
 
     def with_options(self, way: str, **changes: Any) -> WeldedMeshes:
         """Return the meshes with options that no attachment depends on; each way has its own."""
-        if way not in self._with_options:
+        if way not in self._ways:
             options = replace(self.scene.options, **changes)
-            self._with_options[way] = self._of(self.scene.changed(options=options), way)
-        return self._with_options[way]
+            self._ways[way] = self._of(self.scene.changed(options=options), way)
+        return self._ways[way]
 
     @cached_property
     def without_clearance(self) -> WeldedMeshes:
@@ -300,15 +299,15 @@ class WeldedMeshes:
         bodies = self.scene.bodies
         return self.with_rigid([k for k, body in enumerate(bodies) if body.prop])
 
-    def with_rigid(self, bodies: Collection[int], make: Stiffen = with_rigid) -> WeldedMeshes:
-        """Return the meshes in which some bodies are rigid, too, as `make` has them."""
+    def with_rigid(self, bodies: Collection[int], *, wholes: bool = False) -> WeldedMeshes:
+        """Return the meshes in which some bodies are rigid, too; wholes: see `as_wholes`."""
         props = tuple(k for k in sorted(bodies) if not self.scene.bodies[k].rigid)
         if not props:
             return self
-        key = f"{make.__name__} {props}"
-        if key not in self._stiffer:
-            self._stiffer[key] = self._of(make(self.scene, props), key)
-        return self._stiffer[key]
+        make, way = (as_wholes if wholes else with_rigid), f"rigid {props} {wholes}"
+        if way not in self._ways:
+            self._ways[way] = self._of(make(self.scene, props), way)
+        return self._ways[way]
 
     def __call__(self, welds: Sequence[IntArray]) -> WeldedMesh:
         """Return the mesh of poses with welds (V,): what coincides there and at rest is one."""

@@ -13,6 +13,8 @@ from dtrepair.report.page.sections import keyposes_table, transfer_table
 from dtrepair.report.page.table import Cell, Markup, html_table
 from dtrepair.report.parts import PairCounts, PartPairs, WornRecord, parts_of, place
 
+# Of tables by pairs of parts.
+_EACH = "A triangle counts with each pair of parts that it is in."
 Colours = Sequence[tuple[float, float, float]]
 
 
@@ -143,11 +145,12 @@ def _strains(frames: Frames) -> str:
 
 
 def _faults(section: Mapping[str, Any] | None, *, checked: bool) -> str:
-    """Return a table of what else met, by pairs of parts, over all frames."""
+    """Return a table of the contacts that count, by pairs of parts, over all frames."""
     if section is None:
         return ""
-    told = "<p>Which connected parts met, in all frames together; where, in the worst of them.</p>"
-    return f"<h2>Pairs of parts</h2>{told}{_part_pairs(section, checked=checked)}"
+    told = "<p>Which connected parts met, in all frames together; where, in the worst of them. "
+    table = _part_pairs(section, checked=checked)
+    return f"<h2>Pairs of parts</h2>{told}{_EACH}</p>{table}"
 
 
 def _modelled(section: Mapping[str, Any] | None, *, checked: bool) -> str:
@@ -156,7 +159,7 @@ def _modelled(section: Mapping[str, Any] | None, *, checked: bool) -> str:
         return ""
     told = (
         "<p>The parts stay where they meet; the numbers change as their surfaces slide in each "
-        "other. A triangle counts with each pair of parts that it is in.</p>"
+        f"other. {_EACH}</p>"
     )
     table = _part_pairs(section, checked=checked)
     return f"<h2>Modelled contacts, which stay</h2>{told}{table}"

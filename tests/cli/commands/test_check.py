@@ -151,11 +151,13 @@ def test_meshes_have_rows_with_v_and_a_table_of_what_met_what_at_the_end(two_cub
     assert met == "what met what, in all frames together:".split()
     assert columns == ["pairs", "of", "and"]
     assert both == [rows[1][2], "/Still/Cube", "/Moving/Cube"]
-    head, *rows, told, _met, _columns, same, _total = lines("-v", "--frames", "1:2")
+    head, *rows, told, _met, _columns, same, _which, _, parts, _total = lines(
+        "-v", "--frames", "1:2"
+    )
     assert head == [*header, "mesh"] and told[:4] == "a pair between two".split()
     of = [(row[0], row[-1]) for row in rows]
     assert of == [("1", "all"), ("2", "all"), ("2", "/Still/Cube"), ("2", "/Moving/Cube")]
-    assert same == both
+    assert same == both and [parts[0], *parts[-2:]] == both
     # Frames in a row that say the same are one row.
     (_, row, total) = lines("--mode", "self")
     assert row == ["1", "to", "4,", "each", "of", "4", "0", "0", "0"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,6 +17,7 @@ from dtrepair.cli.terminal.modelled_text import (
     print_modelled,
     worn_line,
 )
+from dtrepair.cli.terminal.repair_text import print_met
 from dtrepair.report.parts import (
     AttachedList,
     AttachedRecord,
@@ -67,7 +68,8 @@ def test_of_one_mesh_it_is_said_which_parts_met(tmp_path: Path) -> None:
     path = arm_stage(tmp_path / "a.usda", np.linspace(0.0, 0.5, FRAMES))
     out = run("check", path, "--strict").out
     title, header, row = out.splitlines()[-4:-1]
-    assert title == "which parts of /Root/Arm met which, in all frames together:"
+    what = "which parts of /Root/Arm met which, in all frames together"
+    assert title == f"{what} (1 is the part with most triangles):"
     assert header.split() == ["pairs", "around", "of", "and"]
     pairs = row.split()[0]
     assert row.split()[4:] == ["part", "1", "part", "2"] and f" {pairs} pairs" in out
@@ -83,15 +85,28 @@ def test_parts_of_several_meshes_are_told_by_their_paths(
     itself = replace(record(3, 5), second=part(3))
     others = OtherPartPairs(parts=4, counts=PairCounts(pairs_before=9, pairs_after=1))
     found = PartPairs(listed=(other, itself), others=others)
-    print_faults(Console(), found, checked=checked)
+    print_faults(Console(), found, single=False, checked=checked)
     title, _, *rows = capsys.readouterr().out.splitlines()
-    assert title == "which parts met which, in all frames together:"
+    assert title.startswith("which parts met which, in all frames together (")
     after = [[], [], []] if checked else [["2"], ["0"], ["1"]]
     assert [row.split() for row in rows] == [
         ["7", *after[0], "7", "0", "0", "/Hero/Body", "part", "1", "/Hero/Belt"],
         ["5", *after[1], "5", "0", "0", "/Hero/Body", "part", "3", "itself"],
-        ["9", *after[2], "4", "others"],
+        ["9", *after[2], "4", "other", "pairs", "of", "parts"],
     ]
+
+
+@pytest.mark.parametrize(("verbosity", "several"), [(0, False), (1, True)])
+def test_of_several_meshes_parts_are_told_with_v(
+    verbosity: int, several: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    contacts = [{"first": "/A", "second": "/B", "before": 5, "after": 0}]
+    totals = {"contacts": contacts, "faults": asdict(PartPairs(listed=(record(1, 5),)))}
+    print_met(Console(verbosity=verbosity), totals)
+    out = capsys.readouterr().out
+    assert "what met what" in out and ("which parts met which" in out) == several
+    print_met(Console(verbosity=verbosity), {"contacts": []})
+    assert capsys.readouterr().out == ""
 
 
 def test_it_is_said_where_nothing_is_modelled(tmp_path: Path) -> None:

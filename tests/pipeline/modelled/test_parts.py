@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dtrepair import RepairOptions
 from dtrepair.pipeline import PairsFound, check_stage, repair_keyposes, repair_stage
 from dtrepair.pipeline.modelled.references import modelled_parts
 from dtrepair.pipeline.selection import Selection
@@ -75,7 +76,11 @@ def test_a_report_lists_what_was_modelled_by_parts(bending: Path, tmp_path: Path
         assert [record.first for record in listed] == [attached.first]
 
 
-def test_a_report_lists_which_parts_are_at_fault(bending: Path) -> None:
+def test_a_report_lists_which_parts_are_at_fault(bending: Path, tmp_path: Path) -> None:
+    every_contact = RepairOptions(rest_contacts="repair")
+    keys = repair_keyposes(bending, tmp_path / "c.usda", options=every_contact)
+    assert any(frame.faults for frame in keys.frames)
+    assert_lists_sum(keys)
     report = check_stage(bending, rest_contacts="repair")
     assert_lists_sum(report)
     every = [record for frame in report.frames for record in frame.faults.listed]

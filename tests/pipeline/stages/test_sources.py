@@ -41,6 +41,9 @@ def test_a_scene_far_from_the_origin_is_counted_and_repaired_as_a_near_one(
 ) -> None:
     near, far = near_and_far
     counts = [run("check", path, "--json", "-").json["summary"] for path in near_and_far]
+    # Where the parts are is told in the world.
+    places = [own.pop("faults") for own in counts]
+    assert places[0] != places[1] and len(places[0]["listed"]) == len(places[1]["listed"])
     assert counts[0] == counts[1] and counts[0]["triangles_before"] > 0
     assert "far from the world's origin" in run("check", far).err
     assert "far from" not in run("check", near).err

@@ -299,3 +299,27 @@ def test_progress_does_not_go_back_on_another_way() -> None:
     repairer([Frame(**vars(opened), time=0.0)])
     repairer._tell(0.1, 10.0)
     assert told[-1] == 1.0
+
+
+def test_the_outer_sides_leave_the_progress_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four frames that hold a pose are one, which stands for all of them once more."""
+    meshes = WeldedMeshes(make_scene([Body(*ARM), Body(*SLEEVE)], RepairOptions()))
+    opened = detected(meshes.scene, gathered(meshes.scene, [ARM[0], SLEEVE[0]]))
+    some = replace(opened, pairs=np.zeros((1, 2), dtype=np.int32))
+    inner = list[float]()
+
+    def first(own: WeldedMeshes, frames: list[Frame], judge: Any, *_: Any) -> list[Frame]:
+        if not inner:
+            inner.append(repairer._worth)
+            judge(own, frames)
+        return frames
+
+    def judged(_: Any, __: Any, frames: list[Frame]) -> list[Judged]:
+        return [Judged(frame.centred) for frame in frames]
+
+    monkeypatch.setattr(window_repairer, "outer_sides_first", first)
+    monkeypatch.setattr(WindowRepairer, "_judged", judged)
+    repairer = WindowRepairer(meshes, options=ClipOptions(), make_method=lambda _: None, jobs=1)  # type: ignore[arg-type, return-value]
+    frames = [Frame(**vars(some), time=float(k)) for k in range(4)]
+    repairer._on_all_ways(meshes, frames, 1.0)
+    assert inner == [4.0] and repairer._worth == 4.0

@@ -26,6 +26,8 @@ class WornOptions:
         outside: A ray counts where it meets the worn body beyond this share of the wearer.
         worn: Mean share of the rays from which on a body is worn.
         kept: It is still worn while that share is not below this part of what it was.
+        near, larger: A body is fitted to another of so many times its area, where half of its
+            vertices are no farther from it than this share of its diagonal.
         beside: Only what lies by this share of its length beside a body can be surrounded by it.
     """
 
@@ -35,6 +37,8 @@ class WornOptions:
     worn: float = 0.7
     kept: float = 0.6
     beside: float = 0.5
+    near: float = 0.25
+    larger: float = 10.0
 
 
 DEFAULTS = WornOptions()

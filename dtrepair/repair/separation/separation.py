@@ -58,6 +58,8 @@ class SeparationOptions:
         samples: Frames that rank the directions.
         tries: Directions that are tried.
         left: Fraction of the pairs that a shift may leave, and of new ones that it may make.
+        deeper, off: What is fitted to a body goes so many times as far as it is deep in another,
+            and this fraction of the diagonal, for what no depth tells the way of.
         beyond: Factor by which a shift is longer than the way to the surface: out is out.
         penetration: How much is looked at.
         untangling: Of bodies that hook into each other.
@@ -74,6 +76,8 @@ class SeparationOptions:
     samples: int = 4
     tries: int = 4
     left: float = 0.3
+    deeper: float = 2.0
+    off: float = 0.01
     beyond: float = 1.01
     penetration: PenetrationOptions = field(default_factory=PenetrationOptions)
     untangling: UntanglingOptions = field(default_factory=UntanglingOptions)
@@ -205,6 +209,9 @@ class _Separation:
         worst = int(np.argmax([between for between, _ in met]))
         bodies = [poses[worst][self._shape(b).vertices] for b in (contact.first, contact.second)]
         farthest = options.farthest * min(diagonal(points) for points in bodies)
+        fitted = any(self.worn.fitted(body) for body in (contact.first, contact.second))
+        if fitted:
+            farthest = min(farthest, max(self._close_by(contact, pose) for pose in poses))
         frees = partial(self._frees, contact, poses[worst], met[worst])
         way = shortest_direction(frees, directions_around(*bodies), farthest, options=options)
         if way is None:
@@ -213,10 +220,16 @@ class _Separation:
         for pose, before in zip(poses, met, strict=True):
             frees = partial(self._frees, contact, pose, before)
             lengths.append(length_along(frees, way, farthest, options=options))
-        if self.worn.of(contact.first, contact.second) is not None:
+        if fitted or self.worn.of(contact.first, contact.second) is not None:
             # What is worn goes no farther than where it still was: pushing does the rest.
             farthest = max(length for length in lengths if length is not None)
         self._shift(contact, way, [farthest if own is None else own for own in lengths])
+
+    def _close_by(self, contact: Contact, pose: FloatArray) -> float:
+        """Return how far what is fitted to a body may go in a pose (V, 3): hardly off it."""
+        depth = max(found.depth for found in self._inside(pose, contact))
+        off = self.options.off * self.scene.scale.diagonal(pose)
+        return self.options.deeper * depth + off
 
     def _shift(self, contact: Contact, way: FloatArray, lengths: list[float]) -> None:
         needed = np.zeros(len(self.frames))

@@ -7,8 +7,9 @@ from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.geometry import FloatArray, diagonal
 from dtrepair.numerics.recent import Recent
 from dtrepair.numerics.scale import boxes_of
 from dtrepair.numerics.worn.measure import Solid, WornOptions, worn_measure
@@ -32,6 +33,8 @@ class WornPairs:
         # Of two bodies the worn one and its wearer; None where neither is worn.
         self._known: dict[tuple[int, int], tuple[int, int] | None] = {}
         self._dresses: dict[int, tuple[int, ...]] = {}
+        self._fitted: dict[int, bool] = {}
+        self._trees: dict[int, cKDTree] = {}
         # Many shifts of one pose are asked for.
         self._before: dict[tuple[int, int], Recent[float]] = {}
 
@@ -65,6 +68,32 @@ class WornPairs:
         known = self._before.setdefault(worn, Recent())
         kept = self._options.kept * known(partial(self._around, worn), before)
         return self._around(worn, after, least=kept) < kept
+
+    def fitted(self, body: int) -> bool:
+        """Return whether a body lies close on a far larger soft one in the rest, as a plate does.
+
+        Most of its vertices are near the other: of what only touches it, as a ball a floor, few.
+        """
+        if body not in self._fitted:
+            scene, own = self._scene, self._shape(body)
+            points = scene.centred_rest[own.vertices]
+            near = self._options.near * diagonal(points)
+            self._fitted[body] = any(
+                self._shape(other).area >= self._options.larger * own.area
+                and not (scene.is_stiff(other) or scene.never_moves[other])
+                and np.median(self._distances(other, points, near)) < near
+                for other in range(len(scene.bodies))
+                if other != body and len(self._shape(other).faces)
+            )
+        return self._fitted[body]
+
+    def _distances(self, body: int, points: FloatArray, most: float) -> FloatArray:
+        """Return the distances (N,) of points (N, 3) to the nearest vertex of a body at rest."""
+        if body not in self._trees:
+            vertices = self._shape(body).vertices
+            self._trees[body] = cKDTree(self._scene.centred_rest[vertices])
+        found: FloatArray = self._trees[body].query(points, distance_upper_bound=most)[0]
+        return found
 
     def companions(self, body: int, other: int) -> tuple[int, ...]:
         """Return a body, and what goes along when it leaves another one: what one of them wears.

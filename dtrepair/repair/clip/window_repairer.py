@@ -66,6 +66,7 @@ class WindowRepairer:
     ) -> None:
         self.meshes, self.options = meshes, options
         self.make_method, self.jobs, self.progress = make_method, jobs, progress
+        self._spread = partial(side_by_side, jobs=jobs)
         # What of a window is done, told, and which share of it a present frame stands for.
         self._done, self._told, self._worth = 0.0, 0.0, 1.0
         self._work = 0.0  # of solving, see `numerics.work`
@@ -132,10 +133,11 @@ class WindowRepairer:
         if not any(frame.wrong for frame in frames):
             return [Judged(frame.centred) for frame in frames], meshes
         solved, place = without_holds(frames, longest=self.options.longest_hold)
-        tied, worth = is_tied(meshes.scene), share * len(frames) / len(solved)
+        tied = is_tied(meshes.scene)
+        worth = self._worth = share * len(frames) / len(solved)
         # Attached parts take their garments along from the start: through a coat that is free limbs
         # are pushed, and what that strains is solved twice.
-        usual, self._worth = (meshes.dressed if tied else None) or meshes, worth
+        usual = (meshes.dressed if tied else None) or meshes
         found, numbers = None, self.options.independent
         if self.meshes.scene.options.clearance == 0.0:  # Else what is rigid makes no room.
             found = machine_kept_whole(usual, solved, self._judged, ways, self.options.machine)
@@ -151,8 +153,7 @@ class WindowRepairer:
             return any(left_over(meshes.scene, [frame], self._judged(usual, [frame])))
 
         if found is None:
-            spread = partial(side_by_side, jobs=self.jobs)
-            solved = outer_sides_first(meshes, solved, on_all_ways, stays_dirty, spread)
+            solved = outer_sides_first(meshes, solved, on_all_ways, stays_dirty, self._spread)
             self._worth = worth  # The outer sides told theirs.
             found = with_props(usual, solved, self._judged, options=ways)
         judged, taken = found
@@ -175,9 +176,8 @@ class WindowRepairer:
         off, and that leaves less. Attached parts are asked frame by frame, see `on_other_ways`.
         """
         scene, ways, dressed = meshes.scene, self.options.inside_out, None
-        spread = partial(side_by_side, jobs=self.jobs)
         starts = [frame.begun or frame for frame in frames]
-        own, opened = inside_out(meshes, starts, self._solve, spread, options=ways)
+        own, opened = inside_out(meshes, starts, self._solve, self._spread, options=ways)
         parts = own.scene, own([frame.sewn for frame in frames]), opened
         tied = None if is_tied(scene) else meshes.dressed
         poses = self._solved(*parts, unless_stuck=tied is not None)

@@ -91,7 +91,8 @@ def machine_bodies(
     most = sizes[moving].sum()
     if sizes[list(whole)].sum() < max(options.share * most, 1):
         return ()
-    turning = _moving_against(scene, whole, int(np.argmax(sizes[list(whole)])), poses, options)
+    largest = max(whole, key=lambda body: int(sizes[body]))
+    turning = _moving_against(scene, whole, largest, poses, options)
     return whole if sizes[turning].sum() >= options.turning * most else ()
 
 
@@ -102,12 +103,9 @@ def _moving_against(
     poses: Sequence[FloatArray],
     options: MachineOptions,
 ) -> list[int]:
-    """Return which bodies that move as wholes move against the largest of them in some pose.
-
-    largest: its place among them.
-    """
+    """Return which bodies that move as wholes move against the largest of them in some pose."""
     weights = np.zeros(len(scene.rest))
-    weights[scene.vertices_of(whole[largest])] = 1.0
+    weights[scene.vertices_of(largest)] = 1.0
     carried = RigidBodies([(0, len(weights))], weights)
     far = np.zeros(len(weights))
     for pose in poses:

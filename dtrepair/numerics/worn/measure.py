@@ -27,7 +27,8 @@ class WornOptions:
         worn: Mean share of the rays from which on a body is worn.
         kept: It is still worn while that share is not below this part of what it was.
         near, larger: A body is fitted to another of so many times its area, where half of its
-            vertices are no farther from it than this share of its diagonal.
+            vertices are no farther from the other's than this share of its own diagonal, and ...
+        close: ... this share of the other's: a staff beside a body is not.
         beside: Only what lies by this share of its length beside a body can be surrounded by it.
     """
 
@@ -39,6 +40,7 @@ class WornOptions:
     beside: float = 0.5
     near: float = 0.25
     larger: float = 10.0
+    close: float = 0.05
 
 
 DEFAULTS = WornOptions()

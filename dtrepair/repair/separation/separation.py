@@ -209,7 +209,8 @@ class _Separation:
         worst = int(np.argmax([between for between, _ in met]))
         bodies = [poses[worst][self._shape(b).vertices] for b in (contact.first, contact.second)]
         farthest = options.farthest * min(diagonal(points) for points in bodies)
-        fitted = any(self.worn.fitted(body) for body in (contact.first, contact.second))
+        both = zip((contact.first, contact.second), contact.shares, strict=True)
+        fitted = any(share > 0.0 and self.worn.fitted(body) for body, share in both)
         if fitted:
             farthest = min(farthest, max(self._close_by(contact, pose) for pose in poses))
         frees = partial(self._frees, contact, poses[worst], met[worst])

@@ -1,4 +1,4 @@
-"""Which of two bodies is worn by the other, and whether leading them apart would take it off."""
+"""Which of two bodies is worn by the other or fitted to one, and whether a shift takes it off."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class WornPairs:
     def fitted(self, body: int) -> bool:
         """Return whether a body lies close on a far larger soft one in the rest, as a plate does.
 
-        Most of its vertices are near the other: of what only touches it, as a ball a floor, few.
+        Half of its vertices are near the other: of what only touches it, as a ball a floor, few.
         """
         if body not in self._fitted:
             scene, own = self._scene, self._shape(body)
@@ -81,19 +81,20 @@ class WornPairs:
             self._fitted[body] = any(
                 self._shape(other).area >= self._options.larger * own.area
                 and not (scene.is_stiff(other) or scene.never_moves[other])
-                and np.median(self._distances(other, points, near)) < near
+                and self._close(other, points, near)
                 for other in range(len(scene.bodies))
                 if other != body and len(self._shape(other).faces)
             )
         return self._fitted[body]
 
-    def _distances(self, body: int, points: FloatArray, most: float) -> FloatArray:
-        """Return the distances (N,) of points (N, 3) to the nearest vertex of a body at rest."""
+    def _close(self, body: int, points: FloatArray, near: float) -> bool:
+        """Return whether half of points (N, 3) are so near vertices of a body at rest."""
+        own = self._scene.centred_rest[self._shape(body).vertices]
         if body not in self._trees:
-            vertices = self._shape(body).vertices
-            self._trees[body] = cKDTree(self._scene.centred_rest[vertices])
-        found: FloatArray = self._trees[body].query(points, distance_upper_bound=most)[0]
-        return found
+            self._trees[body] = cKDTree(own)
+        near = min(near, self._options.close * diagonal(own))
+        found = self._trees[body].query(points, distance_upper_bound=near)[0]
+        return bool(np.median(found) < near)
 
     def companions(self, body: int, other: int) -> tuple[int, ...]:
         """Return a body, and what goes along when it leaves another one: what one of them wears.

@@ -76,7 +76,8 @@ class ObjectOptions:
         rigid: path expression of meshes that move as a whole only.
         ignore: pairs "A,B" of path expressions whose contacts do not count.
         attach: pairs "A,B" of path expressions whose parts are attached to each other: contacts as
-            they have in the bind pose, or else where they overlap least, are modelled.
+            they have in the bind pose, or else where they overlap least, are modelled. "A part 3"
+            is one connected part, as lists name it; so of `detach`.
         detach: pairs "A,B" of path expressions whose parts are not attached to each other, whatever
             a pose shows: their contacts are faults. It wins over `attach`.
         layer: texts "A=N" of a path expression and a whole number; of two meshes with different
@@ -101,8 +102,8 @@ class ObjectSettings:
 
     diffusion: how far a push spreads; mobility: from 0 (never moves) to 1; rigid: moves as a whole.
     pin and direction are names, as `ObjectOptions` takes them. attach, detach: path expressions of
-    what it is attached to, and what it is not. layer: a higher one lies farther out; a name: of a
-    primvar with one per face.
+    what it is attached to, and what it is not, or parts ("A part 3"). layer: a higher one lies
+    farther out; a name: of a primvar with one per face.
     """
 
     diffusion: float | None = None

@@ -65,13 +65,13 @@ _IGNORE = {
 }
 _ATTACH = {
     "metavar": '"A,B"',
-    "help": "Two prims whose parts are attached: contacts as in the bind pose, or else as where "
-    "they overlap least, are modelled; may be given several times.",
+    "help": "Two prims whose parts are attached, or parts ('/A part 3'): contacts as in the bind "
+    "pose, or else as where they overlap least, are modelled; may be given several times.",
 }
 _DETACH = {
     "metavar": '"A,B"',
-    "help": "Two prims whose parts are not attached, whatever the bind pose shows: their contacts "
-    "are faults; may be given several times.",
+    "help": "Two prims whose parts are not attached, or parts ('/A part 3'), whatever the bind "
+    "pose shows: their contacts are faults; may be given several times.",
 }
 IGNORE = field_option(ObjectOptions, "ignore", **_IGNORE)
 ATTACH = field_option(ObjectOptions, "attach", **_ATTACH)

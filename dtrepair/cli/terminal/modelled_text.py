@@ -59,18 +59,20 @@ def print_modelled(console: Console, report: Report) -> None:
 def print_faults(console: Console, found: PartPairs, *, single: bool, checked: bool) -> None:
     """Print which connected parts met which in all frames together, and where in the worst one.
 
-    single: whether all are of one mesh, which is named once; checked: whether nothing was repaired.
+    What is left comes first. single: whether all are of one mesh, which is named once; checked:
+    whether nothing was repaired.
     """
 
     def name(part: PartRecord) -> str:
         return f"part {part.number}" if single else part.name
 
     rows = []
-    for record in found.listed:
+    for record in sorted(found.listed, key=lambda own: -own.counts.pairs_after):
         both = name(record.first), "itself" if record.itself else name(record.second)
-        rows.append([*_pairs(record.counts, checked=checked), place(record.centre), *both])
+        counts = pairs_told(record.counts, checked=checked)
+        rows.append([*counts, place(record.centre), *both])
     if others := found.others.parts:
-        counts = _pairs(found.others.counts, checked=checked)
+        counts = pairs_told(found.others.counts, checked=checked)
         rows.append([*counts, "", counted(others, "other pair"), "of parts"])
     of = f" of {found.listed[0].first.path}" if single else ""
     console.result(
@@ -80,10 +82,10 @@ def print_faults(console: Console, found: PartPairs, *, single: bool, checked: b
     console.table([*header, "around", "of", "and"], rows)
 
 
-def _pairs(counts: PairCounts, *, checked: bool) -> list[str]:
-    """Return what rows tell of pairs: their number, and after a repair that as well."""
-    both = str(counts.pairs_before), str(counts.pairs_after)
-    return list(both[:1] if checked else both)
+def pairs_told(counts: PairCounts, *, checked: bool) -> list[str]:
+    """Return what rows tell of pairs: how many, and after a repair that as well; more is marked."""
+    before, after = counts.pairs_before, counts.pairs_after
+    return [str(before)] if checked else [str(before), f"{after}{' (more)' * (after > before)}"]
 
 
 def print_worn(console: Console, report: Report) -> None:

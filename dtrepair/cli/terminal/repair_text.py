@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from dtrepair.cli.terminal.console import Console
-from dtrepair.cli.terminal.modelled_text import print_faults
+from dtrepair.cli.terminal.modelled_text import pairs_told, print_faults
 from dtrepair.cli.terminal.strain_text import frames_of, strain_lines
 from dtrepair.diagnosis import Status, concerns
 from dtrepair.pipeline.observer import CorrectionWritten, FrameDone
@@ -16,7 +16,7 @@ from dtrepair.pipeline.repair.records import REMEDIES
 from dtrepair.pipeline.selection import NUMBERS, ObjectSettings
 from dtrepair.pipeline.stages.plan import Plan
 from dtrepair.pipeline.stages.sources import time_label
-from dtrepair.report.parts import PartPairs
+from dtrepair.report.parts import PairCounts, PartPairs
 from dtrepair.report.record import FrameRecord, MotionRecord, summarize
 from dtrepair.wording import counted, length
 
@@ -118,10 +118,8 @@ def print_contacts(
         return
     rows = []
     for found in sorted(contacts, key=lambda own: (-own["after"], -own["before"])):
-        more = " (more)" if found["after"] > found["before"] else ""
-        after = f"{found['after']}{more}"
-        counts = [str(found["before"])] if checked else [str(found["before"]), after]
-        rows.append([*counts, found["first"], found["second"]])
+        counts = PairCounts(pairs_before=found["before"], pairs_after=found["after"])
+        rows.append([*pairs_told(counts, checked=checked), found["first"], found["second"]])
     console.result("what met what, in all frames together:")
     header = ["pairs"] if checked else ["pairs before", "after"]
     console.table([*header, "of", "and"], rows)

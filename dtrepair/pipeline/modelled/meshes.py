@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 from dtrepair.intersect.ignored import CollapsedPoseError
 from dtrepair.numerics.attached.touches import without_touches
 from dtrepair.numerics.geometry import FloatArray, IntArray, components, vector_areas, weld_maps
+from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.modelled.meetings import MeetingOptions, meetings
+from dtrepair.pipeline.modelled.names import numbered
 from dtrepair.pipeline.modelled.together import Together, together
 from dtrepair.pipeline.modelled.unrepaired import unrepaired
 from dtrepair.pipeline.stages.bodies import outward_faces
 from dtrepair.pipeline.stages.frames import read_frame
-from dtrepair.pipeline.stages.matching import CalledPairs
+from dtrepair.pipeline.stages.matching import CalledPairs, Side, SidePairs
 from dtrepair.pipeline.stages.rest import Rest, posed_once
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time, time_label
 
@@ -99,6 +101,12 @@ class PlacedMeshes:
         self.binding = np.array([_binding(*each) for each in both], dtype=object)
         self._named = np.array([rest.named for rest in rests], dtype=bool)
         self._starts = starts
+        for side in {side for pair in (*told.attached, *told.detached) for side in pair}:
+            if side.part > (most := int(self._numbers[self.mesh_of == side.mesh].max(initial=0))):
+                raise UsageError(
+                    f"{source.meshes[side.mesh].path} part {side.part}: expected a number from 1 "
+                    f"to {most}, as check --modelled and reports name the parts of this mesh"
+                )
 
     def faces_outwards(self) -> IntArray:
         """Return the triangles (F, 3), turned to face out of closed parts as for a repair."""
@@ -117,6 +125,29 @@ class PlacedMeshes:
         """The connected part of each triangle (F,)."""
         label = components(self.weld[self.faces], len(self.rest))
         return label[self.weld[self.faces[:, 0]]].astype(np.int64)
+
+    @cached_property
+    def _numbers(self) -> NDArray[np.integer]:
+        """The number (F,) of each triangle's part in its mesh, as lists tell it."""
+        part = np.unique(self.part_of, return_inverse=True)[1].reshape(-1)
+        return numbered(part, self.mesh_of, int(part.max(initial=-1)) + 1)[1][part]
+
+    def _of(self, side: Side) -> BoolArray:
+        """Return which triangles (F,) are of one side of a pair that the user names."""
+        own = self.mesh_of == side.mesh
+        return np.asarray(own & (self._numbers == side.part) if side.part else own)
+
+    def _called(self, pairs: IntArray, called: SidePairs) -> BoolArray:
+        """Return which pairs (K, 2) of triangles are of pairs that the user names, (K,)."""
+        from dtrepair.intersect.ignored import of_ignored_bodies
+
+        whole = [(a.mesh, b.mesh) for a, b in called if not a.part and not b.part]
+        mask = of_ignored_bodies(self.mesh_of[pairs], whole)
+        for first, second in called:
+            if first.part or second.part:
+                one, other = self._of(first)[pairs], self._of(second)[pairs]
+                mask |= (one & other[:, ::-1]).any(axis=1)
+        return mask
 
     @cached_property
     def _together(self) -> Together:
@@ -177,8 +208,8 @@ class PlacedMeshes:
         rounded = points.astype(np.float32).astype(np.float64)
         solid = (vector_areas(rounded, self.faces) != 0.0).any(axis=1)
         pairs = pairs[np.asarray(solid)[pairs].all(axis=1)]
-        left_out = (*self.ignored, *self.told.detached)
-        pairs = pairs[counted_between(self.mesh_of[pairs], mode="both", ignored=left_out)]
+        pairs = pairs[counted_between(self.mesh_of[pairs], mode="both", ignored=self.ignored)]
+        pairs = pairs[~self._called(pairs, self.told.detached)]
         sides = np.sort(self.part_of[pairs], axis=1)
         keys = sides[:, 0] * len(self.rest) + sides[:, 1]
         return Look(points, pairs, keys, name).of(sides[:, 0] != sides[:, 1])
@@ -219,7 +250,7 @@ class PlacedMeshes:
         some = np.unique(self.part_of, return_index=True)[1].astype(np.int32)
         found = [np.zeros((0, 2), dtype=np.int32)]
         for first, second in self.told.detached:
-            one, other = (some[self.mesh_of[some] == mesh] for mesh in (first, second))
+            one, other = (some[self._of(side)[some]] for side in (first, second))
             pairs = np.stack(np.meshgrid(one, other, indexing="ij"), axis=-1).reshape(-1, 2)
             found.append(pairs[pairs[:, 0] != pairs[:, 1]])
         return Reference(self.rest, np.concatenate(found), asked=True, apart=True)
@@ -249,16 +280,11 @@ class PlacedMeshes:
 
     def told_of(self, pairs: IntArray) -> BoolArray:
         """Return which pairs (K, 2) of triangles the user calls attached or detached, (K,)."""
-        from dtrepair.intersect.ignored import of_ignored_bodies
-
-        told = (*self.told.attached, *self.told.detached)
-        return of_ignored_bodies(self.mesh_of[pairs], told)
+        return self._called(pairs, (*self.told.attached, *self.told.detached))
 
     def asked(self, pairs: IntArray) -> BoolArray:
-        """Return which pairs (K, 2) of triangles are of meshes that are called attached, (K,)."""
-        from dtrepair.intersect.ignored import of_ignored_bodies
-
-        return of_ignored_bodies(self.mesh_of[pairs], self.told.attached)
+        """Return which pairs (K, 2) of triangles are of what is called attached, (K,)."""
+        return self._called(pairs, self.told.attached)
 
 
 def _binding(mesh: SourceMesh, rest: Rest) -> str:

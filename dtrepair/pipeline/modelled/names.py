@@ -36,29 +36,28 @@ class PartNames:
 
     def named(self, part_of: NDArray[np.integer], count: int) -> list[PartRecord]:
         """Return records of connected parts by the part (F,) of each triangle."""
-        faces, sizes = self._faces, np.bincount(part_of, minlength=count)
-        mesh_of = np.zeros(len(sizes), dtype=np.int64)
-        mesh_of[part_of] = np.repeat(
-            np.arange(len(self.source.meshes)), [len(mesh.faces) for mesh in self.source.meshes]
-        )
+        faces = self._faces
+        mesh_of, number, sizes = numbered(part_of, self._mesh_of, count)
         low, high = np.full((len(sizes), 3), np.inf), np.full((len(sizes), 3), -np.inf)
         for corner in range(3):
             np.minimum.at(low, part_of, self._rest[faces[:, corner]])
             np.maximum.at(high, part_of, self._rest[faces[:, corner]])
-        rank = np.zeros(len(sizes), dtype=np.int64)
         several = np.bincount(mesh_of, minlength=len(self.source.meshes)) > 1
-        for mesh in np.flatnonzero(several):
-            own = np.flatnonzero(mesh_of == mesh)
-            rank[own[np.argsort(-sizes[own], kind="stable")]] = 1 + np.arange(len(own))
         return [
             PartRecord(
                 path=self.source.meshes[mesh_of[part]].path,
-                number=int(rank[part]) or None,
+                number=int(number[part]) if several[mesh_of[part]] else None,
                 triangles=int(sizes[part]),
                 centre=self._told(0.5 * (low[part] + high[part])),
             )
             for part in range(len(sizes))
         ]
+
+    @cached_property
+    def _mesh_of(self) -> NDArray[np.integer]:
+        """The mesh (F,) of each triangle."""
+        sizes = [len(mesh.faces) for mesh in self.source.meshes]
+        return np.repeat(np.arange(len(sizes)), sizes)
 
     @cached_property
     def _faces(self) -> NDArray[np.int64]:
@@ -100,3 +99,20 @@ class PartNames:
             return np.asarray(self.source.to_world(mesh, time, points))
         except FrameError:
             return np.asarray(points, dtype=np.float64)
+
+
+def numbered(
+    part_of: NDArray[np.integer], mesh_of: NDArray[np.integer], count: int
+) -> tuple[NDArray[np.integer], NDArray[np.integer], NDArray[np.integer]]:
+    """Return of each of so many parts its mesh, its number there, and how many triangles it has.
+
+    part_of, mesh_of: of each triangle (F,). 1 is the part of a mesh with most triangles.
+    """
+    sizes = np.bincount(part_of, minlength=count)
+    mesh_of_part = np.zeros(len(sizes), dtype=np.int64)
+    mesh_of_part[part_of] = mesh_of
+    order = np.lexsort((-sizes, mesh_of_part))
+    first = np.flatnonzero(np.diff(mesh_of_part[order], prepend=-1))
+    number = np.empty(len(sizes), dtype=np.int64)
+    number[order] = 1 + np.arange(len(sizes)) - np.repeat(first, np.diff([*first, len(sizes)]))
+    return mesh_of_part, number, sizes

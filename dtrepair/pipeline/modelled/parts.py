@@ -22,6 +22,7 @@ from dtrepair.pipeline.observer import (
     warn,
 )
 from dtrepair.pipeline.stages.bodies import unclear_sides
+from dtrepair.pipeline.stages.matching import Side, SidePairs
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.parts import (
     LISTED_ATTACHED,
@@ -186,6 +187,32 @@ class ModelledParts:
             found |= self._meshes(reference.pairs[self.attachments.modelled(reference.pairs)])
         return found
 
+    def tell_of(self, one: Side, other: Side) -> bool:
+        """Whether contacts of a pair that the user names are modelled."""
+        if (one.mesh, other.mesh) not in self.meshes:
+            return False
+        if not one.part and not other.part:
+            return True
+        return any(
+            (self._is(first, one) and self._is(second, other))
+            or (self._is(first, other) and self._is(second, one))
+            for first, second in self._modelled_parts
+        )
+
+    def _is(self, part: PartRecord, side: Side) -> bool:
+        """Whether a part is one that the user names."""
+        own = part.path == self.source.meshes[side.mesh].path
+        return own and side.part in (0, part.number or 1)
+
+    @cached_property
+    def _modelled_parts(self) -> list[tuple[PartRecord, PartRecord]]:
+        """The pairs of parts whose contacts are modelled."""
+        if self.attachments is None:
+            return []
+        shown = np.concatenate([own.pairs for own in self.references])
+        met = self._met(shown[self.attachments.modelled(shown)])
+        return [(self.records[a], self.records[b]) for a, b in met.parts.tolist()]
+
     @cached_property
     def meshes_told(self) -> set[tuple[int, int]]:
         """The same of which anything tells: with those of which parts are not attached."""
@@ -224,7 +251,7 @@ def tell_modelled(
     observer: Observer,
     parts: ModelledParts,
     *,
-    asked: Sequence[tuple[int, int]],
+    asked: SidePairs,
     unclear: Sequence[tuple[int, int]] = (),
 ) -> None:
     """Tell once what is taken as a set, what as modelled, and what that leaves open.
@@ -232,14 +259,16 @@ def tell_modelled(
     Args:
         observer: Hears of it.
         parts: What was modelled.
-        asked: Pairs of meshes (i, j), i <= j, that the user calls attached.
+        asked: Pairs of meshes, or of their parts, that the user calls attached.
         unclear: Pairs of meshes whose rest poses meet wherever they lie.
     """
     meshes = parts.source.meshes
     tell_sets(observer, parts.source)
-    for i, j in sorted(set(asked) - parts.meshes):
-        first, second = meshes[i].path, meshes[j].path
-        what = f"{first} and {second}" if i != j else f"different parts of {first}"
+    for one, other in asked:
+        if parts.tell_of(one, other):
+            continue
+        first, second = (f"{meshes[own.mesh].path}{_part(own.part)}" for own in (one, other))
+        what = f"{first} and {second}" if one != other else f"different parts of {first}"
         observer.warning(
             f"attach: {what} meet neither in the bind pose nor in a frame that was looked at, or "
             "are ignored: none of their contacts counts as modelled"
@@ -250,6 +279,10 @@ def tell_modelled(
         observer.remark(ModelledFound(parts.attached))
     if parts.passing:
         observer.remark(PassingFound(parts.passing))
+
+
+def _part(number: int) -> str:
+    return f" part {number}" if number else ""
 
 
 def _triangles(

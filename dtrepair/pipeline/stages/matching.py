@@ -1,8 +1,10 @@
-"""Which meshes of an input an option speaks of, by a path expression."""
+"""Which meshes of an input an option speaks of, by a path expression, and which parts of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from dtrepair.pipeline.errors import UsageError
@@ -11,6 +13,22 @@ from dtrepair.pipeline.stages.sources import Source, StageSource
 
 # Pairs (i, j), i <= j, of meshes.
 MeshPairs = tuple[tuple[int, int], ...]
+# How lists name a connected part: its mesh, and its number there.
+_PART = re.compile(r"(.*\S)\s+part\s+(\d+)")
+
+
+class Side(NamedTuple):
+    """One side of a pair that the user names: a mesh, or a connected part of it.
+
+    part: its number in the mesh, as reports and lists tell it; 0 for all parts.
+    """
+
+    mesh: int
+    part: int = 0
+
+
+# Pairs of sides, the lower first.
+SidePairs = tuple[tuple[Side, Side], ...]
 
 
 def matching_meshes(source: Source, expression: str, option: str) -> list[int]:
@@ -67,17 +85,20 @@ def meshes_matched(source: Source, expression: str, option: str) -> list[int]:
     ]
 
 
-def ignored_pairs(source: Source, texts: Sequence[str]) -> tuple[tuple[int, int], ...]:
-    """Pairs of meshes (i, j), i <= j, that texts "A,B" of --ignore name."""
-    return named_pairs(source, texts, "--ignore")
+def ignored_pairs(source: Source, texts: Sequence[str]) -> MeshPairs:
+    """Pairs of meshes (i, j), i <= j, that texts "A,B" of --ignore name; each may match several.
 
-
-def named_pairs(source: Source, texts: Sequence[str], name: str) -> tuple[tuple[int, int], ...]:
-    """Pairs of meshes (i, j), i <= j, that texts "A,B" name; each side may match several.
-
-    "A,A" are the contacts of each mesh of A with itself and the others of A. A usage error that
-    calls the option by its name for a text that is no pair.
+    "A,A" are the contacts of each mesh of A with itself and the others of A. A usage error for a
+    text that is no pair, or names a part.
     """
+    pairs = _side_pairs(source, texts, "--ignore")
+    if any(side.part for pair in pairs for side in pair):
+        raise UsageError("--ignore: expected two prims; parts of a mesh cannot be ignored")
+    return tuple((first.mesh, second.mesh) for first, second in pairs)
+
+
+def _side_pairs(source: Source, texts: Sequence[str], name: str) -> SidePairs:
+    """Pairs of sides that texts "A,B" name; a usage error calls the option by its name."""
     pairs = set()
     for text in texts:
         sides = _split(text)
@@ -85,17 +106,31 @@ def named_pairs(source: Source, texts: Sequence[str], name: str) -> tuple[tuple[
         if len(sides) != 2 or not all(side.strip() for side in sides):
             raise UsageError(f'{option}: expected two prims, such as "/Hero/Hair,/Hero/Body"')
         first, second = (
-            matching_meshes(source, side, f"{option}: {side.strip()}") for side in sides
+            _sides(side, partial(matching_meshes, source, option=f"{option}: {side.strip()}"))
+            for side in sides
         )
-        pairs |= {(min(i, j), max(i, j)) for i in first for j in second}
+        pairs |= {_sorted(one, other) for one in first for other in second}
     return tuple(sorted(pairs))
 
 
-class CalledPairs(NamedTuple):
-    """Pairs of meshes (i, j), i <= j, that the user calls attached, and those called detached."""
+def _sides(text: str, matched: Callable[[str], list[int]]) -> list[Side]:
+    """Return the meshes, or parts of meshes, that a text names; matched: finds those of prims."""
+    named = _PART.fullmatch(text.strip())
+    expression, part = (named[1], int(named[2])) if named else (text.strip(), 0)
+    if named and part == 0:
+        raise UsageError(f"{text.strip()}: expected a number from 1 on, as lists name parts")
+    return [Side(mesh, part) for mesh in matched(expression)]
 
-    attached: MeshPairs = ()
-    detached: MeshPairs = ()
+
+def _sorted(one: Side, other: Side) -> tuple[Side, Side]:
+    return min(one, other), max(one, other)
+
+
+class CalledPairs(NamedTuple):
+    """Pairs of meshes, or of their parts, that the user calls attached, and those detached."""
+
+    attached: SidePairs = ()
+    detached: SidePairs = ()
 
 
 def called_pairs(
@@ -108,17 +143,18 @@ def called_pairs(
     """Return what is called attached or detached, and warnings.
 
     each: the settings of each mesh, which name others; attach, detach: pairs "A,B" of the options.
-    What is called both is detached, which is warned of where the same text says both. What of the
-    settings is not among the selected meshes is warned of, too.
+    "A part 3" is the connected part of A that lists call so, of several meshes of each. What is
+    called both is detached, which is warned of where the same text says both. What of the settings
+    is not among the selected meshes is warned of, too.
     """
-    found, warnings = list[set[tuple[int, int]]](), list[str]()
+    found, warnings = list[set[tuple[Side, Side]]](), list[str]()
     for name, texts in (("attach", attach), ("detach", detach)):
-        pairs = set(named_pairs(source, texts, f"--{name}"))
+        pairs = set(_side_pairs(source, texts, f"--{name}"))
         for index, own in enumerate(each):
             for expression in getattr(own, name) or ():
                 where = f"{source.meshes[index].path}: {name} {expression}"
-                others = meshes_matched(source, expression, where)
-                pairs |= {(min(index, other), max(index, other)) for other in others}
+                others = _sides(expression, partial(meshes_matched, source, option=where))
+                pairs |= {_sorted(Side(index), other) for other in others}
                 if not others:
                     warnings.append(f"{where}: {no_match(source)}")
         found.append(pairs)

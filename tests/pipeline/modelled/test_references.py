@@ -15,7 +15,7 @@ from dtrepair.pipeline.errors import UsageError
 from dtrepair.pipeline.modelled.references import modelled_parts
 from dtrepair.pipeline.observer import Observer
 from dtrepair.pipeline.selection import ObjectOptions, Selection
-from dtrepair.pipeline.stages.matching import CalledPairs
+from dtrepair.pipeline.stages.matching import CalledPairs, Side
 from dtrepair.pipeline.stages.sources import open_source
 from dtrepair.repair.options import RepairOptions
 from tests.jointed_arm import FRAMES, arm, arm_mesh, arm_stage
@@ -143,7 +143,7 @@ def test_what_stands_on_a_collider_is_not_attached_to_it(tmp_path: Path) -> None
     assert not done.attached and all(frame.status == "clean" for frame in done.frames)
     assert all(frame.before and frame.before.pairs for frame in done.frames)
     # The user may say that it is.
-    told = modelled_parts(still, told=CalledPairs(attached=((0, 1),))).attachments
+    told = modelled_parts(still, told=CalledPairs(attached=((Side(0), Side(1)),))).attachments
     assert told is not None and told.pairs_of_parts == [(0, 1)]
 
 

@@ -27,7 +27,7 @@ from dtrepair.pipeline import (
 from dtrepair.pipeline.errors import InputError
 from dtrepair.pipeline.modelled.references import modelled_parts
 from dtrepair.pipeline.selection import Selection
-from dtrepair.pipeline.stages.matching import CalledPairs
+from dtrepair.pipeline.stages.matching import CalledPairs, Side
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.repair.options import RepairOptions
 from dtrepair.report.joining import join_reports
@@ -298,7 +298,8 @@ def test_parts_of_a_farm_agree(apart: Path) -> None:
     """The whole clip is looked at, whichever frames are selected."""
     whole, part = (
         modelled_parts(
-            open_source(str(apart), Selection(frames=frames)), told=CalledPairs(attached=((0, 1),))
+            open_source(str(apart), Selection(frames=frames)),
+            told=CalledPairs(attached=((Side(0), Side(1)),)),
         ).attached
         for frames in (None, "1:2")
     )

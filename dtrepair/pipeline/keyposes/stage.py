@@ -34,6 +34,7 @@ from dtrepair.pipeline.observer import (
 from dtrepair.pipeline.repair.collider_contacts import ColliderContacts, colliders_of
 from dtrepair.pipeline.repair.records import clearance_warnings
 from dtrepair.pipeline.repair.run import Run, make_repairer, refuse_wide_clearance
+from dtrepair.pipeline.repair.solve import FrameRepairer
 from dtrepair.pipeline.stages.bodies import Controls, PlacedBodies, make_bodies, read_controls
 from dtrepair.pipeline.stages.devices import device_of_method
 from dtrepair.pipeline.stages.frames import mode_warnings, prim_records, refuse_if_none_usable
@@ -104,6 +105,8 @@ def plan_keyposes(
         _prepared(os.fspath(stage), path, chosen, device, None, observer) as prepared,
     ):
         source, each = prepared.source, prepared.controls.settings
+        repairer, _ = _told_repairer(prepared, observer)
+        tell_worn(observer, worn_records(source, repairer.repairer.scene))
         return make_plan(source, prepared.rests, source.times, path, each, chosen.objects)
 
 
@@ -181,15 +184,24 @@ def _open(stage: str, settings: KeyposeSettings) -> StageSource:
     return source
 
 
+def _told_repairer(
+    prepared: _Prepared, observer: Observer
+) -> tuple[FrameRepairer, list[int | None]]:
+    """Return what `make_repairer` does; tell what it takes as modelled and as props."""
+    run, source, rests = prepared.run, prepared.source, prepared.rests
+    repairer, rest_counts = make_repairer(run, source, rests, prepared.placed.bodies)
+    warn(observer, rest_warnings(source, rests, rest_counts, prepared.controls.settings))
+    unclear = prepared.placed.met
+    tell_modelled(observer, repairer.modelled, asked=run.told.attached, unclear=unclear)
+    tell_props(observer, repairer.repairer.scene)
+    return repairer, rest_counts
+
+
 def _solved(prepared: _Prepared, observer: Observer) -> Report:
     """Repair the keys, then the in-betweens; write; return the report."""
     run, source, sink = prepared.run, prepared.source, prepared.sink
     controls, mode = prepared.controls, prepared.settings.options.mode
-    placed = prepared.placed
-    repairer, rest_counts = make_repairer(run, source, prepared.rests, placed.bodies)
-    warn(observer, rest_warnings(source, prepared.rests, rest_counts, controls.settings))
-    tell_modelled(observer, repairer.modelled, asked=run.told.attached, unclear=placed.met)
-    tell_props(observer, repairer.repairer.scene)
+    repairer, rest_counts = _told_repairer(prepared, observer)
     run.clock.lap("factor")
     rigid = [bool(own.rigid) for own in controls.settings]
     keys = StageKeys(source, repairer, rigid, lambda: stop_if_cancelled(observer))

@@ -39,8 +39,6 @@ class StrainOptions:
         point: Edges shorter than this before and after are points: rounding changes their length.
         drift: An attached vertex may move so far off its place on the other part: an eye or a cuff
             seen from near comes off.
-        loose: The same where the input itself has led it off, as hair that a turned head leads off
-            a shoulder: it rests there no more.
         slide: 95 % of all attached vertices move less: what slides more looks loose all over.
         aim: Relief goes on to this part of it: who measures at other vertices finds a little more.
         joint: 95 % of those between the same two parts: one joint is few of all vertices. What slid
@@ -66,9 +64,8 @@ class StrainOptions:
     edges_share: float = 0.0005
     point: float = 1e-5
     drift: float = 0.02
-    loose: float = 0.04
     slide: float = 0.004
-    aim: float = 0.9
+    aim: float = 0.85
     joint: float = 0.01
     volume: float = 0.2
     thicker: float = 0.02
@@ -209,8 +206,9 @@ class StrainMeter:
         drift = changes(self._offsets_before(self.parts.tie_offsets, before), offsets) / size
         # Whatever the bounds, nothing is told below this.
         if self.references and drift.max() > self.options.slide * min(self.options.aim, 1.0):
-            # What goes back to where it was modelled has not come off.
-            drift = np.fmin(drift, changes(self._modelled, offsets / size))
+            # What goes back to where it was modelled has not come off, but may not leap there.
+            back = np.fmin(drift, changes(self._modelled, offsets / size))
+            drift = np.where(drift > self.options.drift, drift, back)
         return drift
 
     def _drifts(
@@ -220,21 +218,20 @@ class StrainMeter:
         if not len(drift):
             return []
         options = self.options
-        slide = options.slide * (options.aim if strict else 1.0)
-        if drift.max() <= min(options.drift, options.joint, slide):
+        slide, most = options.slide * (options.aim if strict else 1.0), options.drift
+        if drift.max() <= min(most, options.joint, slide):
             return []
         held = ~self.let_go(before, options.joint)
-        most = np.where(held | strict, options.drift, options.loose)
-        least = np.where(held | strict, min(options.drift, options.joint), options.loose)
+        least = np.where(held | strict, min(most, options.joint), most)
         result = []
-        for index in np.unique(self.parts.joint[drift > min(options.drift, options.joint)]):
+        for index in np.unique(self.parts.joint[drift > min(most, options.joint)]):
             own = np.flatnonzero(self.parts.joint == index)
             far = float(np.quantile(drift[own[held[own]]], 0.95)) if held[own].any() else 0.0
-            worst = own[np.argmax(drift[own] / most[own])]
+            worst = own[np.argmax(drift[own])]
             # A joint is told by the first of its bounds that is passed, and all only if none is.
             beyond = []
-            if drift[worst] > most[worst]:
-                beyond.append((StrainKind.DRIFT, float(drift[worst]), float(most[worst])))
+            if drift[worst] > most:
+                beyond.append((StrainKind.DRIFT, float(drift[worst]), most))
             if far > options.joint and (strict or not beyond):
                 beyond.append((StrainKind.SLIDE, far, options.joint))
             for kind, value, bound in beyond:

@@ -146,12 +146,15 @@ def test_what_is_within_the_bounds_or_not_attached_keeps_every_bit(cycles: int) 
         assert relieved_poses(scene, mesh, [frame], [found], options=options)[0] is found
 
 
-def test_what_the_input_let_go_is_brought_near_though_it_is_not_strained() -> None:
-    """The turned wing is led off its place by the input, and may come off farther than others."""
+def test_what_slides_is_brought_near_though_it_is_not_strained() -> None:
+    """Relief aims at a little less than may be."""
     scene, frame, mesh = winged(1.6)
-    found = mesh.solve([frame.centred])[0][0]
-    own = replace(scene, strain=StrainOptions(slide=1.0, drift=0.01, loose=0.02))
-    before, meter = frame.centred, own.strain_meter
+    found, before = mesh.solve([frame.centred])[0][0], frame.centred
+    only = {"drift": 1.0, "joint": 1.0}
+    any_slide = replace(scene, strain=StrainOptions(slide=1e-6, **only))
+    (slid,) = any_slide.strain_meter(before, found)
+    own = replace(scene, strain=StrainOptions(slide=slid.value / 0.92, **only))
+    meter = own.strain_meter
     assert not meter(before, found) and meter(before, found, strict=True)
     relieved = relieved_poses(own, mesh, [frame], [found])[0]
     assert not meter(before, relieved, strict=True)

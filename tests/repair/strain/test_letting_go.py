@@ -113,7 +113,7 @@ def test_patches_are_what_edges_connect_on_one_side_of_a_joint(references: int) 
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 100.0])
-def test_what_the_input_led_off_is_no_joint_but_does_not_go_much_farther(scale: float) -> None:
+def test_what_the_input_led_off_is_no_joint_but_goes_no_farther(scale: float) -> None:
     """`scale`: of the pose, whose animation enlarges all."""
     known = lock_on_trunk().strain_meter
     # Half of all ties are those of the tip.
@@ -123,25 +123,32 @@ def test_what_the_input_led_off_is_no_joint_but_does_not_go_much_farther(scale: 
     size = diagonal(before)
     share = np.linspace(0.0, 1.0, len(LOCK[0])) > 0.8
     drift, slide = [StrainKind.DRIFT], [StrainKind.SLIDE]
-    for away, loose, strict, tied in (
-        (0.015, [], [], slide),
-        (0.025, [], drift, drift),
-        (0.045, drift, drift, drift),
-    ):
+    for away, loose, tied in ((0.015, [], slide), (0.025, drift, drift)):
         after = before.copy()
         after[len(TRUNK[0]) :][share] += [away * size, 0.0, 0.0]
         assert _loosened(meter(before, after)) == loose
-        assert _loosened(meter(before, after, strict=True)) == strict
+        assert _loosened(meter(before, after, strict=True)) == loose
         assert _loosened(held(before, after)) == tied
         every = slide if tied == slide else drift + slide
         assert _loosened(held(before, after, strict=True)) == every
 
 
+def test_what_goes_back_to_where_it_was_modelled_may_not_leap_there() -> None:
+    known = lock_on_trunk().strain_meter
+    rest, off = (joined(TRUNK, (bent(turn), LOCK[1]))[0] for turn in (0.0, 0.5))
+    way = (off - rest) / np.linalg.norm(off - rest, axis=1).max()
+    for away, told in ((0.015, []), (0.025, [StrainKind.DRIFT])):
+        before = rest + away * diagonal(rest) * way
+        assert _loosened(known(before, rest)) == told
+        # As far the other way it has come off.
+        assert _loosened(known(before, 2.0 * before - rest))
+
+
 def test_relief_aims_at_a_little_less_than_may_be() -> None:
     scene = lock_on_trunk()
     meter, before = scene.strain_meter, scene.rest
-    assert 0.0034 < StrainOptions.aim * StrainOptions.slide < 0.0038 < StrainOptions.slide
-    for away, strict in ((0.0034, []), (0.0038, [StrainKind.SLIDE])):
+    assert 0.0033 < StrainOptions.aim * StrainOptions.slide < 0.0037 < StrainOptions.slide
+    for away, strict in ((0.0033, []), (0.0037, [StrainKind.SLIDE])):
         after = before.copy()
         after[len(TRUNK[0]) :] += [away * diagonal(before), 0.0, 0.0]
         assert not meter(before, after)
@@ -149,14 +156,14 @@ def test_relief_aims_at_a_little_less_than_may_be() -> None:
 
 
 def test_what_came_off_is_named_not_what_the_input_let_go() -> None:
-    """The tip, which the input led off, may go farther than the root, which it holds."""
+    """The tip, which the input led off, may go farther than a root that it holds may slide."""
     known = lock_on_trunk().strain_meter
     before = joined(TRUNK, (bent(0.5), LOCK[1]))[0]
     along = np.linspace(0.0, 1.0, len(LOCK[0]))
     root, size = along < 0.3, diagonal(before)
     after = before.copy()
     own = after[len(TRUNK[0]) :]
-    own[along > 0.8] += [0.035 * size, 0.0, 0.0]
+    own[along > 0.8] += [0.015 * size, 0.0, 0.0]
     own[root] += [0.0, 0.0, 0.025 * size]
     (found,) = [own for own in known(before, after) if own.kind is StrainKind.DRIFT]
     tips = len(TRUNK[0]) + np.flatnonzero(along > 0.8)

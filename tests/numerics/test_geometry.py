@@ -186,3 +186,12 @@ def test_shared_edges_join_all_triangles_around_an_edge() -> None:
     assert len(geometry.shared_edges(fan[3:])) == 0
     closed = meshes.icosphere(1)[1]
     assert len(geometry.shared_edges(closed)) == 3 * len(closed) // 2
+
+
+@pytest.mark.parametrize("known", [0, 1, 40, 400])
+def test_keys_are_among_known_ones_as_numpy_says(known: int) -> None:
+    random = np.random.default_rng(known)
+    keys = random.integers(-50, 50, 200) << 40
+    some = random.integers(-50, 50, known) << 40
+    assert geometry.among(keys, some).tolist() == np.isin(keys, some).tolist()
+    assert geometry.among(keys[:0], some).shape == (0,)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from dtrepair.device import start_warp
-from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, pair_keys
+from dtrepair.numerics.geometry import FloatArray, IntArray, among, dots, lengths, pair_keys
 from dtrepair.repair.surface.defects import Defects
 from dtrepair.repair.surface.surface import BoolArray, Surface
 
@@ -80,7 +80,7 @@ class Gaps:
         folds = pair_keys(defects.folds)
         keys = np.concatenate([pair_keys(defects.crossings), folds, -folds])
         corners = [faces[defects.crossings].reshape(-1, 6), *_fold_corners(faces, defects.folds)]
-        self._harder[np.isin(self.keys, keys)] *= self.options.stiffening
+        self._harder[among(self.keys, keys)] *= self.options.stiffening
         self._insert(keys, np.concatenate(corners))
         return len(keys)
 
@@ -157,7 +157,7 @@ class Gaps:
         return on_vertices
 
     def _insert(self, keys: NDArray[np.int64], corners: IntArray) -> None:
-        new = ~np.isin(keys, self.keys)
+        new = ~among(keys, self.keys)
         self.keys = np.concatenate([self.keys, keys[new]])
         self.corners = np.concatenate([self.corners, corners[new]])
         self.forces = np.concatenate([self.forces, np.zeros(new.sum())])

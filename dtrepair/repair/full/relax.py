@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dtrepair.numerics.geometry import FloatArray, lengths
+from dtrepair.numerics.geometry import FloatArray, among, lengths
 from dtrepair.numerics.metrics import distortion
 from dtrepair.numerics.work import work_done
 from dtrepair.repair.elastic.arap import ArapOptions, ArapSystem
@@ -261,7 +261,7 @@ class Relaxation:
         facing = gaps.add_facing(points, areas, free - points, radius)
         gaps.linearise(points)
         narrow = gaps.width(free) < gaps.least + self.options.concern
-        closing = np.isin(gaps.keys, facing) & narrow
+        closing = among(gaps.keys, facing) & narrow
         gaps.keep((gaps.forces > 0) | closing)
 
     def _solved(self, right: FloatArray) -> Filled | None:

@@ -110,7 +110,7 @@ WALLS = {
         "independent_options": "torn_poses separation relief strain full paper options",
         "torn_poses": f"separation scene {_SOLVERS}",
         "relief": f"frame scene strain full {_SOLVERS}",
-        "frame": f"full {_SOLVERS}",
+        "frame": f"strain {_ALL}",
         "separation": f"scene full {_SOLVERS}",
         "scene": f"strain full paper {_SOLVERS}",
         "strain": "",

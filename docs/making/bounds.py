@@ -21,7 +21,8 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Reference
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
-from dtrepair.repair.strain.meter import Excess, StrainMeter, StrainOptions
+from dtrepair.repair.strain.bounds import Excess, StrainOptions
+from dtrepair.repair.strain.meter import StrainMeter
 
 Image = NDArray[np.uint8]
 # The examples of each picture, a row for each.

@@ -18,7 +18,7 @@ from dtrepair.repair.separation.layer_lift import LiftOptions
 from dtrepair.repair.separation.release import ReleaseOptions
 from dtrepair.repair.separation.separation import SeparationOptions
 from dtrepair.repair.separation.sunken import SunkenOptions
-from dtrepair.repair.strain.meter import StrainOptions
+from dtrepair.repair.strain.bounds import StrainOptions
 from dtrepair.repair.strain.shares import ShareOptions
 from dtrepair.repair.torn_poses import TornOptions
 

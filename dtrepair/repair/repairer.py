@@ -170,7 +170,7 @@ class SceneRepairer:
         """Return what a correction of poses (V, 3) of each body strains beyond the bounds."""
         given = self.scene.gather(before)
         centred, centre = about_centre(given)
-        excess = strain_of(self.scene, centred, self.scene.gather(after) - centre)
+        excess = strain_of(self.scene, centred, self.scene.gather(after) - centre, loosely=True)
         bodies = range(len(self.bodies))
         return tuple(s for body in bodies for s in strains_of(self.scene, body, given, excess))
 

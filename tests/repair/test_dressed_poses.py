@@ -20,7 +20,7 @@ from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.single_poses import Found
-from dtrepair.repair.strain.meter import Excess
+from dtrepair.repair.strain.bounds import Excess
 from tests.repair.separation.test_lifting import ARM, SLEEVE
 
 NO_PAIRS, NO_ZONES = np.zeros((0, 2), dtype=np.int32), np.zeros(0, dtype=np.int64)

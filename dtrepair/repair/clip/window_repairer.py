@@ -15,6 +15,7 @@ from dtrepair.repair.clip.frames import Frame, without_holds
 from dtrepair.repair.clip.mend_frames import dirty_share
 from dtrepair.repair.clip.steady_frames import agreed
 from dtrepair.repair.clip.window_method import MakeMethod
+from dtrepair.repair.frame.bounded_frames import bounded_frames
 from dtrepair.repair.parallel.worker_pool import (
     WorkerPool,
     side_by_side,
@@ -24,16 +25,11 @@ from dtrepair.repair.parallel.worker_pool import (
 from dtrepair.repair.relief.followers import with_followers
 from dtrepair.repair.relief.inside_out import from_themselves, inside_out, outer_sides_first
 from dtrepair.repair.relief.opening import opened_frames
-from dtrepair.repair.relief.other_ways import (
-    frames_off,
-    left_over,
-    on_other_ways,
-    with_turns,
-)
+from dtrepair.repair.relief.other_ways import frames_off, left_over, on_other_ways, with_turns
 from dtrepair.repair.relief.props import machine_kept_whole, props_back, with_props
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.relief.starting_again import started_again
-from dtrepair.repair.scene.bounds import Judged, bounded_frames
+from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.holding import is_tied
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes

@@ -22,7 +22,7 @@ from dtrepair.numerics.geometry import (
 from dtrepair.repair.scene.bounds import badness, pairs_and_enclosed, strain_of
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.strain.meter import Excess
+from dtrepair.repair.strain.bounds import Excess
 from dtrepair.repair.strain.volumes import Pieces
 
 # A limit of displacements is kept by this much: rounding to float32 must not exceed it.

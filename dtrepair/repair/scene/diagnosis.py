@@ -20,7 +20,7 @@ from dtrepair.diagnosis import (
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, vector_areas
 from dtrepair.numerics.metrics import edge_log_ratio, volume
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.strain.meter import Excess
+from dtrepair.repair.strain.bounds import Excess
 
 
 @dataclass(frozen=True, kw_only=True)

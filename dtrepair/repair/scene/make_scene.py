@@ -22,7 +22,7 @@ from dtrepair.repair.scene.bodies import (
     mobility_of,
 )
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.strain.meter import StrainOptions
+from dtrepair.repair.strain.bounds import StrainOptions
 from dtrepair.repair.surface.containment import meshes_oriented_outwards
 
 

@@ -26,8 +26,9 @@ from dtrepair.numerics.worn.parts import Parts
 from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene.attached_parts import AttachedParts, known_attachments
 from dtrepair.repair.scene.bodies import STIFF, Body, about_centre, layer_of, points_of
+from dtrepair.repair.strain.bounds import StrainOptions
 from dtrepair.repair.strain.letting_go import ties_that_hold
-from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
+from dtrepair.repair.strain.meter import StrainMeter
 from dtrepair.repair.strain.parts import ConnectedParts
 from dtrepair.repair.surface.containment import Enclosures
 from dtrepair.repair.surface.rigid_bodies import RigidBodies

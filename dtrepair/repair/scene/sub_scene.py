@@ -17,7 +17,7 @@ from dtrepair.repair.scene.bodies import Body, widest_clearance
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import Pose, detected
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.strain.meter import Excess
+from dtrepair.repair.strain.bounds import Excess
 
 Part = TypeVar("Part", bound="SubScene")
 

@@ -7,7 +7,6 @@ each measured where they are, against the pose of the input, and each has a boun
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -15,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.diagnosis import StrainKind
-from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, vector_areas
+from dtrepair.numerics.geometry import FloatArray, dots, lengths, vector_areas
 from dtrepair.numerics.recent import Recent
 from dtrepair.numerics.scale import WHOLE, Scale
 from dtrepair.numerics.worn.loops import Rings
+from dtrepair.repair.strain.bounds import Excess, StrainOptions
 from dtrepair.repair.strain.parts import ConnectedParts, changes
 from dtrepair.repair.strain.turning import turned_patches
 from dtrepair.repair.strain.volumes import Solids
@@ -26,78 +26,16 @@ from dtrepair.repair.strain.volumes import Solids
 Places = NDArray[np.integer]
 
 
-@dataclass(frozen=True, kw_only=True)
-class StrainOptions:
-    """From when on a result is strained; lengths are fractions of the diagonal of the input.
-
-    Args:
-        factor: An edge is spoilt if it got longer or shorter by more: texture and skin are smeared
-            or crushed there.
-        edges: So many spoilt edges may be in a part, and in a body: a crease has a few, and nobody
-            sees them.
-        edges_share: Or this share of the edges, if that is more.
-        point: Edges shorter than this before and after are points: rounding changes their length.
-        drift: An attached vertex may move so far off its place on the other part: an eye or a cuff
-            seen from near comes off.
-        slide: 95 % of all attached vertices move less: what slides more looks loose all over.
-        aim: Relief goes on to this part of it: who measures at other vertices finds a little more.
-        joint: 95 % of those between the same two parts: one joint is few of all vertices. What slid
-            farther from the rest in the input itself, as hair over a shoulder, is no joint there.
-        volume: Change of the volume of a closed part: flesh that swells or shrivels more is seen.
-        thicker: Of what has more volume, growth of the volume over the area: a ring that is widened
-            to go round an arm has more of both, and did not swell. Attached lumps without a hole,
-            as the pieces of a finger, go round nothing: they swell however thin they are.
-        sheet: A closed part of less volume, over its area to the power 3/2, is a sheet, which has
-            none to keep. A ball has 0.094, a plate of 1 x 1 x 0.01 0.003.
-        limb: Change of the volume of a piece of a limb within a skin: good results of limbs that
-            were inside each other have some that lose 64 %, a crumpled hand loses 79 %.
-        wire: The same of short pieces: good results have some that lose 74 %, wires 79 to 95 %.
-        patch: Width of a connected patch of triangles that turned over: creases of good results of
-            deep contacts have some up to 0.026, and half a hand is 0.04 wide.
-        patch_share: Or this share of the area of the part, if that is less: an eye is small.
-        patch_triangles: A patch of so few triangles is a crease of a coarse mesh.
-        worn: How many times less what a ring goes round may pass through it than in the input.
-    """
-
-    factor: float = 4.0
-    edges: int = 5
-    edges_share: float = 0.0005
-    point: float = 1e-5
-    drift: float = 0.02
-    slide: float = 0.004
-    aim: float = 0.85
-    joint: float = 0.01
-    volume: float = 0.2
-    thicker: float = 0.02
-    sheet: float = 0.002
-    limb: float = 0.7
-    wire: float = 0.75
-    patch: float = 0.035
-    patch_share: float = 0.25
-    patch_triangles: int = 5
-    worn: float = 0.5
-
-
-class Excess(NamedTuple):
-    """A measure beyond its bound, of a part; the worst vertex, all concerned, what it came off."""
-
-    kind: StrainKind
-    part: int
-    value: float
-    bound: float
-    worst: int
-    vertices: IntArray
-    other: int = -1
-
-
 class _Changed(NamedTuple):
     """What a correction spoilt: edges, how far each tie (N,) came off, diagonals, and all else.
 
+    away: the same, where what goes back to where it was modelled has not come off at all.
     limb: the largest change of the volume of a limb, whether that is too much or not.
     """
 
     edges: list[Excess]
     drift: FloatArray
+    away: FloatArray
     others: list[Excess]
     limb: float
 
@@ -131,18 +69,26 @@ class StrainMeter:
         self._changes = Recent[_Changed]()
 
     def __call__(
-        self, before: FloatArray, after: FloatArray, *, strict: bool = False
+        self,
+        before: FloatArray,
+        after: FloatArray,
+        *,
+        strict: bool = False,
+        loosely: bool = False,
     ) -> list[Excess]:
         """Return what is beyond its bound in a pose (V, 3), against that of the input.
 
         strict: what relief aims at: what the input let go is judged like what it holds, all may
         slide a little less, and all bounds are told, not only the first that a joint passes.
+        loosely: what may be where something would be left else: parts go back to where they were
+        modelled by any way, and what the input let go goes farther.
         """
         if np.array_equal(before, after):
             return []
         size = self.scale.diagonal(before) or 1.0
-        edges, drift, others, _ = self._changes(self._changed, before, after)
-        return [*edges, *self._drifts(drift, before, size, strict), *others]
+        edges, drift, away, others, _ = self._changes(self._changed, before, after)
+        own = away if loosely else drift
+        return [*edges, *self._drifts(own, before, size, strict, loosely), *others]
 
     def _changed(self, before: FloatArray, after: FloatArray) -> _Changed:
         """Return what does not depend on how strict the bounds are."""
@@ -157,7 +103,7 @@ class StrainMeter:
         ]
         edges = self._spoilt_edges(before, after, size)
         limb = max((float(own.max(initial=0.0)) for own in volumes[1:]), default=0.0)
-        return _Changed(edges, self._drift(before, after, size), others, limb)
+        return _Changed(edges, *self._drift(before, after, size), others, limb)
 
     def _spoilt_edges(self, before: FloatArray, after: FloatArray, size: float) -> list[Excess]:
         """Return parts, or else bodies, with too many edges that changed by the factor."""
@@ -198,40 +144,45 @@ class StrainMeter:
             )
         return result
 
-    def _drift(self, before: FloatArray, after: FloatArray, size: float) -> FloatArray:
-        """Return how far (N,), diagonals, each tied vertex came off; of no ties none."""
+    def _drift(
+        self, before: FloatArray, after: FloatArray, size: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return how far (N,), diagonals, each tied vertex came off; of no ties none.
+
+        The second where what goes back to where it was modelled has not, the first if not by far.
+        """
         if self.parts.ties is None:
-            return np.zeros(0)
+            return np.zeros(0), np.zeros(0)
         offsets = self.parts.tie_offsets(after)
         drift = changes(self._offsets_before(self.parts.tie_offsets, before), offsets) / size
         # Whatever the bounds, nothing is told below this.
         if self.references and drift.max() > self.options.slide * min(self.options.aim, 1.0):
-            # What goes back to where it was modelled has not come off, but may not leap there.
-            back = np.fmin(drift, changes(self._modelled, offsets / size))
-            drift = np.where(drift > self.options.drift, drift, back)
-        return drift
+            away = np.fmin(drift, changes(self._modelled, offsets / size))
+            return np.where(drift > self.options.drift, drift, away), away
+        return drift, drift
 
     def _drifts(
-        self, drift: FloatArray, before: FloatArray, size: float, strict: bool
+        self, drift: FloatArray, before: FloatArray, size: float, strict: bool, loosely: bool
     ) -> list[Excess]:
         """Return where attached parts came off each other, or slid, by their `_drift` (N,)."""
         if not len(drift):
             return []
         options = self.options
-        slide, most = options.slide * (options.aim if strict else 1.0), options.drift
-        if drift.max() <= min(most, options.joint, slide):
+        slide = options.slide * (options.aim if strict else 1.0)
+        if drift.max() <= min(options.drift, options.joint, slide):
             return []
         held = ~self.let_go(before, options.joint)
-        least = np.where(held | strict, min(most, options.joint), most)
+        most = np.where(held, options.drift, options.loose if loosely else options.drift)
+        least = np.where(held | strict, min(options.drift, options.joint), most)
         result = []
-        for index in np.unique(self.parts.joint[drift > min(most, options.joint)]):
+        for index in np.unique(self.parts.joint[drift > min(options.drift, options.joint)]):
             own = np.flatnonzero(self.parts.joint == index)
             far = float(np.quantile(drift[own[held[own]]], 0.95)) if held[own].any() else 0.0
-            worst = own[np.argmax(drift[own])]
+            worst = own[np.argmax(drift[own] / most[own])]
             # A joint is told by the first of its bounds that is passed, and all only if none is.
             beyond = []
-            if drift[worst] > most:
-                beyond.append((StrainKind.DRIFT, float(drift[worst]), most))
+            if drift[worst] > most[worst]:
+                beyond.append((StrainKind.DRIFT, float(drift[worst]), float(most[worst])))
             if far > options.joint and (strict or not beyond):
                 beyond.append((StrainKind.SLIDE, far, options.joint))
             for kind, value, bound in beyond:

@@ -12,7 +12,8 @@ from scipy.sparse import csgraph
 
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.temporal import eased_in_time
-from dtrepair.repair.strain.meter import Excess, StrainMeter
+from dtrepair.repair.strain.bounds import Excess
+from dtrepair.repair.strain.meter import StrainMeter
 
 # Motions up to this, units of the diagonal, are none.
 ROUNDING = 1e-9

@@ -16,7 +16,7 @@ from dtrepair.repair.relief.other_ways import OtherWayOptions
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.solution_cache import Arrays
-from dtrepair.repair.strain.meter import StrainOptions
+from dtrepair.repair.strain.bounds import StrainOptions
 from tests.meshes import armed_body
 
 REST, FACES = armed_body(0.0)

@@ -18,7 +18,7 @@ from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.sub_scene import SubScene, sub_scene
 from dtrepair.repair.scene.welded_mesh import PartMeshes, WeldedMeshes
-from dtrepair.repair.strain.meter import Excess
+from dtrepair.repair.strain.bounds import Excess
 from tests.meshes import icosphere
 
 BALL, FACES = icosphere(2)

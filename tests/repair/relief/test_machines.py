@@ -20,7 +20,7 @@ from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.props import MachineOptions, as_wholes, machine_bodies
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
-from dtrepair.repair.strain.meter import Excess
+from dtrepair.repair.strain.bounds import Excess
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
 from tests.repair.relief.test_relief import winged
 

@@ -21,7 +21,7 @@ from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
-from dtrepair.repair.strain.meter import Excess, StrainOptions
+from dtrepair.repair.strain.bounds import Excess, StrainOptions
 from tests.meshes import bent_tube, grid, icosphere, joined
 
 ALONG, UP = np.eye(3)[:2]

@@ -25,7 +25,7 @@ from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.props import with_rigid
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
-from dtrepair.repair.strain.meter import Excess, StrainOptions
+from dtrepair.repair.strain.bounds import Excess, StrainOptions
 from tests.meshes import joined, tube
 
 
@@ -150,10 +150,9 @@ def test_what_slides_is_brought_near_though_it_is_not_strained() -> None:
     """Relief aims at a little less than may be."""
     scene, frame, mesh = winged(1.6)
     found, before = mesh.solve([frame.centred])[0][0], frame.centred
-    only = {"drift": 1.0, "joint": 1.0}
-    any_slide = replace(scene, strain=StrainOptions(slide=1e-6, **only))
-    (slid,) = any_slide.strain_meter(before, found)
-    own = replace(scene, strain=StrainOptions(slide=slid.value / 0.92, **only))
+    options = StrainOptions(slide=1e-6, drift=1.0, joint=1.0)
+    (slid,) = replace(scene, strain=options).strain_meter(before, found)
+    own = replace(scene, strain=replace(options, slide=slid.value / 0.92))
     meter = own.strain_meter
     assert not meter(before, found) and meter(before, found, strict=True)
     relieved = relieved_poses(own, mesh, [frame], [found])[0]

@@ -21,7 +21,7 @@ from dtrepair.repair.scene import mending
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.strain.meter import Excess
+from dtrepair.repair.strain.bounds import Excess
 from tests.repair.relief.test_relief import pairs_of, winged
 
 

@@ -12,20 +12,15 @@ from dtrepair import Body, RepairOptions, RepairResult, SceneRepairer, Status
 from dtrepair.diagnosis import Advice, StrainKind
 from dtrepair.numerics.geometry import FloatArray, IntArray
 from dtrepair.repair.clip.clip_options import ClipOptions
+from dtrepair.repair.frame.bounded_frames import bounded_frames
 from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.result import Solved
-from dtrepair.repair.scene.bounds import (
-    Judged,
-    blended,
-    bounded_frames,
-    bounded_pose,
-    strain_of,
-)
+from dtrepair.repair.scene.bounds import Judged, blended, bounded_pose, strain_of
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import OpenedPose, detected, gathered
 from dtrepair.repair.scene.results import kept, results_of
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.strain.meter import StrainOptions
+from dtrepair.repair.strain.bounds import StrainOptions
 from dtrepair.repair.strain.shares import ShareOptions
 from tests.meshes import bent_tube, icosphere, joined
 

@@ -9,8 +9,8 @@ from dtrepair import Body, RepairOptions
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.repair.frame.bounded_frames import bounded_frames
 from dtrepair.repair.relief.relief import relieved_poses
-from dtrepair.repair.scene.bounds import bounded_frames
 from dtrepair.repair.scene.holding import Holding
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import detected, gathered

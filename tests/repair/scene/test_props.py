@@ -21,7 +21,7 @@ from dtrepair.repair.scene.opened_pose import gathered
 from dtrepair.repair.scene.props import MachineOptions, bent_bodies, props_among, with_rigid
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
-from dtrepair.repair.strain.meter import Excess, StrainOptions
+from dtrepair.repair.strain.bounds import Excess, StrainOptions
 from dtrepair.repair.surface.rigid_bodies import RigidBodies
 from tests.meshes import icosphere, swept, tube
 from tests.repair.relief.test_relief import winged

@@ -15,8 +15,9 @@ from dtrepair.numerics.geometry import FloatArray, diagonal
 from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from dtrepair.repair.strain.bounds import Excess, StrainOptions
 from dtrepair.repair.strain.letting_go import LettingGoOptions, ties_that_hold
-from dtrepair.repair.strain.meter import Excess, StrainMeter, StrainOptions
+from dtrepair.repair.strain.meter import StrainMeter
 from dtrepair.repair.strain.parts import ConnectedParts
 from tests.meshes import joined, tube
 
@@ -123,12 +124,19 @@ def test_what_the_input_led_off_is_no_joint_but_goes_no_farther(scale: float) ->
     size = diagonal(before)
     share = np.linspace(0.0, 1.0, len(LOCK[0])) > 0.8
     drift, slide = [StrainKind.DRIFT], [StrainKind.SLIDE]
-    for away, loose, tied in ((0.015, [], slide), (0.025, drift, drift)):
+    for away, loose, tight, tied in (
+        (0.015, [], [], slide),
+        (0.025, [], drift, drift),
+        (0.045, drift, drift, drift),
+    ):
         after = before.copy()
         after[len(TRUNK[0]) :][share] += [away * size, 0.0, 0.0]
-        assert _loosened(meter(before, after)) == loose
-        assert _loosened(meter(before, after, strict=True)) == loose
-        assert _loosened(held(before, after)) == tied
+        assert _loosened(meter(before, after, loosely=True)) == loose
+        assert _loosened(meter(before, after)) == tight
+        assert _loosened(meter(before, after, strict=True)) == tight
+        assert (
+            _loosened(held(before, after)) == _loosened(held(before, after, loosely=True)) == tied
+        )
         every = slide if tied == slide else drift + slide
         assert _loosened(held(before, after, strict=True)) == every
 
@@ -140,6 +148,7 @@ def test_what_goes_back_to_where_it_was_modelled_may_not_leap_there() -> None:
     for away, told in ((0.015, []), (0.025, [StrainKind.DRIFT])):
         before = rest + away * diagonal(rest) * way
         assert _loosened(known(before, rest)) == told
+        assert _loosened(known(before, rest, loosely=True)) == []
         # As far the other way it has come off.
         assert _loosened(known(before, 2.0 * before - rest))
 

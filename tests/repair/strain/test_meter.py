@@ -18,7 +18,8 @@ from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.bounds import share_search
 from dtrepair.repair.scene.props import with_rigid
-from dtrepair.repair.strain.meter import Excess, StrainMeter, StrainOptions
+from dtrepair.repair.strain.bounds import Excess, StrainOptions
+from dtrepair.repair.strain.meter import StrainMeter
 from dtrepair.repair.strain.parts import ConnectedParts
 from dtrepair.repair.strain.shares import ShareOptions
 from tests.meshes import Mesh, elbow, icosphere, joined, torus, tube

@@ -14,7 +14,8 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, diagonal
-from dtrepair.repair.strain.meter import StrainMeter, StrainOptions
+from dtrepair.repair.strain.bounds import StrainOptions
+from dtrepair.repair.strain.meter import StrainMeter
 from dtrepair.repair.strain.parts import ConnectedParts
 from dtrepair.repair.strain.shares import ShareOptions, ShareSearch, eased_shares, followed_shares
 from tests.meshes import icosphere, joined, tube

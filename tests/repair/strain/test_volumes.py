@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray, vector_areas
 from dtrepair.numerics.scale import WHOLE
-from dtrepair.repair.strain.meter import Excess, StrainMeter
+from dtrepair.repair.strain.bounds import Excess
+from dtrepair.repair.strain.meter import StrainMeter
 from dtrepair.repair.strain.parts import ConnectedParts
 from dtrepair.repair.strain.volumes import SHORT, Beyond, LimbOptions, Pieces, Solids, limbs
 from tests.meshes import Mesh, crossed_legs, joined, swept, tube

@@ -16,6 +16,9 @@ EVERYWHERE = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
 # Lives on the session layer while an expression is evaluated.
 _HELPER = "/__usd_io_selection"
 
+# A name of a connected part, or what was meant as one: a second word would be a second prim.
+_PART = re.compile(r"\s+parts?(?![a-z_])[^/]*", re.IGNORECASE)
+
 
 def matching_paths(stage: Usd.Stage, expression: str, *, below: bool = False) -> set[Sdf.Path]:
     """Return the paths of all prims, instance proxies too, that an expression matches.
@@ -30,6 +33,11 @@ def matching_paths(stage: Usd.Stage, expression: str, *, below: bool = False) ->
         raise SelectionError(
             f"prim expression {expression!r}: takes ASCII characters only; write * for the others, "
             f"such as {re.sub('[^ -~]+', '*', expression)!r}"
+        )
+    if named := _PART.search(expression):
+        raise SelectionError(
+            f"prim expression {expression!r}: expected prims, and {named[0].strip()!r} names none; "
+            'a part of a mesh is written "/path/of/mesh part 3", where an option takes one'
         )
     try:
         parsed = Sdf.PathExpression(expression).MakeAbsolute(Sdf.Path.absoluteRootPath)

@@ -86,7 +86,7 @@ class OtherPartPairs:
 
 @dataclass(frozen=True, kw_only=True)
 class PartPairs:
-    """Contacts by pairs of connected parts, those with most first, the rest summed."""
+    """Contacts by pairs of connected parts, those with most left first, the rest summed."""
 
     listed: tuple[PartPair, ...] = ()
     others: OtherPartPairs = field(default_factory=OtherPartPairs)
@@ -226,7 +226,7 @@ def over_frames(lists: Iterable[PartPairs]) -> PartPairs:
                 centre=most.centre,
             )
         )
-    records.sort(key=lambda record: -_most(record))
+    records.sort(key=_by_left)
     rest = OtherPartPairs(
         parts=max((each.parts for each in others), default=0),
         counts=summed([PairCounts(), *(each.counts for each in others)]),
@@ -241,6 +241,10 @@ def place(centre: Sequence[float]) -> str:
 
 def _most(record: PartPair) -> int:
     return max(record.counts.pairs_before, record.counts.pairs_after)
+
+
+def _by_left(record: PartPair) -> tuple[int, int]:
+    return -record.counts.pairs_after, -record.counts.pairs_before
 
 
 def _point(values: Sequence[float]) -> Point:

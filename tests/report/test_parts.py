@@ -51,6 +51,14 @@ def test_sums_over_frames_lose_nothing(frames: list[list[int]]) -> None:
     assert pairs == sorted(pairs, reverse=True)
 
 
+def test_what_is_left_comes_first() -> None:
+    """Of more pairs of parts than are listed as well."""
+    many = [record(number, 100 - number) for number in range(LISTED + 4)]
+    every = over_frames([bounded([record(LISTED + 9, 3, 2)]), bounded(many)])
+    assert [each.counts.pairs_after for each in every.listed] == [2, *[0] * (LISTED - 1)]
+    assert every.listed[1:] == tuple(many[: LISTED - 1]) and every.others.parts == 4 + 1
+
+
 def test_the_place_is_that_of_the_frame_with_most() -> None:
     every = over_frames([bounded([record(1, 3)]), bounded([record(1, 9)]), bounded([record(1, 2)])])
     (only,) = every.listed

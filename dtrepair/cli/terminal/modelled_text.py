@@ -59,7 +59,7 @@ def print_modelled(console: Console, report: Report) -> None:
 def print_faults(console: Console, found: PartPairs, *, single: bool, checked: bool) -> None:
     """Print which connected parts met which in all frames together, and where in the worst one.
 
-    What is left comes first. single: whether all are of one mesh, which is named once; checked:
+    single: whether all are of one mesh, which is named once; checked:
     whether nothing was repaired.
     """
 
@@ -67,7 +67,7 @@ def print_faults(console: Console, found: PartPairs, *, single: bool, checked: b
         return f"part {part.number}" if single else part.name
 
     rows = []
-    for record in sorted(found.listed, key=lambda own: -own.counts.pairs_after):
+    for record in found.listed:
         both = name(record.first), "itself" if record.itself else name(record.second)
         counts = pairs_told(record.counts, checked=checked)
         rows.append([*counts, place(record.centre), *both])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dtrepair.numerics.attached.touches import without_touches
 from dtrepair.numerics.geometry import FloatArray, components, weld_maps
 from dtrepair.pipeline.stages.sources import Source, SourceMesh, placing_time
 from dtrepair.report.parts import PartRecord, Point
@@ -27,10 +28,18 @@ class PartNames:
 
     @cached_property
     def connected(self) -> NDArray[np.integer]:
-        """The connected part (F,) of each triangle, where vertices at one place are one."""
+        """The connected part (F,) of each triangle, where vertices at one place are one.
+
+        Parts that overlap and touch in a vertex are several, as for what was modelled.
+        """
+        from dtrepair.intersect.detector import Detector
+
         time = placing_time(self.source, self.source.all_times)
         placed = [self._in_world(mesh, time, mesh.rest) for mesh in self.source.meshes]
-        faces = weld_maps(placed)[self._faces]
+        points, weld = np.concatenate(placed), weld_maps(placed)
+        faces = self._faces.astype(np.int32)
+        apart = without_touches(faces, weld, lambda: Detector(points, faces)(points, weld=weld))
+        faces = apart[faces]
         label = components(faces, len(self._rest))
         return np.unique(label[faces[:, 0]], return_inverse=True)[1].reshape(-1)
 

@@ -110,7 +110,7 @@ class ModelledParts:
     def _listed(
         self, contacts: Sequence[NDArray[Any]], poses: Sequence[NDArray[Any]], time: float
     ) -> PartPairs:
-        """List contacts (K, 2) before and after by pairs of parts, with most first."""
+        """List contacts (K, 2) before and after by pairs of parts, with most left first."""
         if not any(map(len, contacts)):
             return PartPairs()
         met = self._met(np.concatenate(contacts))
@@ -118,7 +118,7 @@ class ModelledParts:
         pairs = [np.bincount(each, minlength=len(met.pairs)) for each in numbers]
         both = zip(contacts, numbers, strict=True)
         triangles = [_triangles(own, each, len(met.pairs)) for own, each in both]
-        order = np.argsort(-np.maximum(*pairs), kind="stable")
+        order = np.lexsort([-pairs[0], -pairs[1]])
         records = []
         for index in order.tolist():
             side = 0 if pairs[0][index] else 1

@@ -228,11 +228,13 @@ def modelled_parts(
     from dtrepair.numerics.attached.overlaps import find_attachments
     from dtrepair.numerics.attachments import telling
 
-    if not (auto or told.attached):
+    if not (auto or told.attached or told.detached):
         return ModelledParts(source, None)
     known = rests is not None
     rests = _own_rests(source) if rests is None else rests
     meshes = PlacedMeshes(source, rests, ignored=ignored, told=told)
+    if not (auto or told.attached):
+        return ModelledParts(source, None)  # parts that are not there were refused
     numbers = ReferenceOptions()
     references = _references(meshes, told_by_rest=known, turns=False, options=numbers)
     references = telling(references, auto=auto)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import product
 from typing import NamedTuple
 
 from dtrepair.pipeline.errors import UsageError
@@ -109,7 +110,10 @@ def _side_pairs(source: Source, texts: Sequence[str], name: str) -> SidePairs:
             _sides(side, partial(matching_meshes, source, option=f"{option}: {side.strip()}"))
             for side in sides
         )
-        pairs |= {_sorted(one, other) for one in first for other in second}
+        named = {_sorted(one, other) for one in first for other in second}
+        if any(one == other and one.part for one, other in named):
+            raise UsageError(f"{option}: names one part twice; expected two parts")
+        pairs |= named
     return tuple(sorted(pairs))
 
 
@@ -159,9 +163,17 @@ def called_pairs(
                     warnings.append(f"{where}: {no_match(source)}")
         found.append(pairs)
     attached, detached = found
-    for text in sorted(set(attach) & set(detach)):
-        warnings.append(f"{text}: called both attached and detached: it is detached")
-    return CalledPairs(tuple(sorted(attached - detached)), tuple(sorted(detached))), warnings
+    for text in sorted(set(attach)):
+        if all(_within(pair, detached) for pair in _side_pairs(source, [text], "--attach")):
+            warnings.append(f"{text}: called both attached and detached: it is detached")
+    left = {pair for pair in attached if not _within(pair, detached)}
+    return CalledPairs(tuple(sorted(left)), tuple(sorted(detached))), warnings
+
+
+def _within(pair: tuple[Side, Side], pairs: set[tuple[Side, Side]]) -> bool:
+    """Whether a pair is one of several, or of parts of meshes that are."""
+    each = ({side, Side(side.mesh)} for side in pair)
+    return any(_sorted(one, other) in pairs for one, other in product(*each))
 
 
 def _split(text: str) -> list[str]:

@@ -127,7 +127,8 @@ class WindowStream:
         judged, left = bounded_pose(
             scene, frame, judged, left, pairs_of, options=options.independent.share
         )
-        if len(left) > len(window[1]) and not strain_of(scene, frame.centred, window[0].points):
+        known = strain_of(scene, frame.centred, window[0].points, loosely=True)
+        if len(left) > len(window[1]) and not known:
             judged, left = window  # what was mended is strained, and its share leaves more
         if scene is not self.scene:
             left = self.scene.pairs(judged.points, frame.weld)

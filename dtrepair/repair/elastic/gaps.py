@@ -80,7 +80,7 @@ class Gaps:
         folds = pair_keys(defects.folds)
         keys = np.concatenate([pair_keys(defects.crossings), folds, -folds])
         corners = [faces[defects.crossings].reshape(-1, 6), *_fold_corners(faces, defects.folds)]
-        self._harder[among(self.keys, keys)] *= self.options.stiffening
+        self._harder[np.isin(self.keys, keys)] *= self.options.stiffening
         self._insert(keys, np.concatenate(corners))
         return len(keys)
 

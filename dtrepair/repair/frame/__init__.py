@@ -1,1 +1,1 @@
-"""Work on the frames of a window, one at a time, as a pool does it."""
+"""Work on the frames of a window: one at a time, as a pool does it, and what bounds them all."""

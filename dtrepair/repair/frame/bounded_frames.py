@@ -48,16 +48,18 @@ def bounded_frames(
     if not any(excess):
         return [Judged(points) for points in poses]
     judged = _judged(scene, frames, poses, times, excess, options)
-    losing = [index for index, own in enumerate(judged) if own.lowered]
-    loose = frozenset(
-        index
-        for index in losing
-        if not strain_of(scene, frames[index].centred, poses[index], loosely=True)
-    )
+    loose = frozenset(index for index, own in enumerate(judged) if own.lowered and excess[index])
     if not loose:
         return judged
-    excess = [() if index in loose else own for index, own in enumerate(excess)]
-    return _judged(scene, frames, poses, times, excess, options, loose)
+    again = [
+        strain_of(scene, frames[index].centred, poses[index], loosely=True)
+        if index in loose
+        else own
+        for index, own in enumerate(excess)
+    ]
+    looser = _judged(scene, frames, poses, times, again, options, loose)
+    left = [wrong_in(scene, frames, [own.points for own in way]) for way in (judged, looser)]
+    return looser if sum(left[1]) < sum(left[0]) else judged
 
 
 def _judged(
@@ -122,7 +124,9 @@ def _lowered(
     eased, bounded = needed, list(poses)
     for attempt in range(ATTEMPTS):
         for index in failing:
-            share = _share(scene, frames[index], bounded[index], attempt, options)
+            share = _share(
+                scene, frames[index], bounded[index], attempt, options, loosely=index in loose
+            )
             needed[index] = eased[index] * share
         eased = eased_shares(needed, units, motions, options=options)
         eased = followed_shares(eased, units, motions, faulty, options=options)
@@ -184,7 +188,13 @@ def _most(
 
 
 def _share(
-    scene: Scene, frame: OpenedPose, after: FloatArray, attempt: int, options: ShareOptions
+    scene: Scene,
+    frame: OpenedPose,
+    after: FloatArray,
+    attempt: int,
+    options: ShareOptions,
+    *,
+    loosely: bool,
 ) -> FloatArray:
     """Return the share (V,) of a correction that an attempt keeps.
 
@@ -192,7 +202,7 @@ def _share(
     """
     if attempt == ATTEMPTS - 1:
         return np.zeros(len(after))
-    search = share_search(scene, frame.centred, after, options)
+    search = share_search(scene, frame.centred, after, options, loosely=loosely)
     if attempt:
         return search.put_back()
     enough, best = wrong_of(scene, frame, after), (np.inf, np.zeros(len(after)))

@@ -89,26 +89,28 @@ def bounded_pose(
     """Return the best pose within the bounds, with its pairs (K, 2): that which has fewest.
 
     judged: what was found, with `pairs` (K, 2); kept as it is where it is within the bounds, or
-    the options take it at any cost.
+    the options take it at any cost. Where a share leaves more, looser bounds hold.
     """
-    excess = strain_of(scene, pose.centred, judged.points)
+    loosely = scene.options.at_any_cost
+    excess = strain_of(scene, pose.centred, judged.points, loosely=loosely)
     if not excess or scene.options.at_any_cost:
         return judged._replace(excess=(*judged.excess, *excess)), pairs
     wrong = _wrong(scene, pose, judged.points, pairs)
     if 0 < wrong >= pose.wrong:
         return judged, pairs  # no better than the input, which is kept
-    search = share_search(scene, pose.centred, judged.points, options)
     best: list[tuple[int, FloatArray, IntArray]] = []
-    for share in search.shares():
-        points = search.blend(share)
-        found = pairs_of(points)
-        left = _wrong(scene, pose, points, found)
-        if left <= wrong:
-            return Judged(points), found  # nothing is lost, and there is nothing to tell
-        if not best or left < best[0][0]:
-            best = [(left, points, found)]
-    if not strain_of(scene, pose.centred, judged.points, loosely=True):
-        return judged, pairs
+    for loosely in (False, True):
+        if not strain_of(scene, pose.centred, judged.points, loosely=loosely):
+            return judged, pairs
+        search = share_search(scene, pose.centred, judged.points, options, loosely=loosely)
+        for share in search.shares():
+            points = search.blend(share)
+            found = pairs_of(points)
+            left = _wrong(scene, pose, points, found)
+            if left <= wrong:
+                return Judged(points), found  # nothing is lost, and there is nothing to tell
+            if not best or left < best[0][0]:
+                best = [(left, points, found)]
     _, points, found = best[0]
     return Judged(points, (*judged.excess, *excess), lowered=True), found
 
@@ -143,14 +145,22 @@ def pairs_and_enclosed(scene: Scene, pose: OpenedPose, points: FloatArray) -> tu
 
 
 def share_search(
-    scene: Scene, before: FloatArray, after: FloatArray, options: ShareOptions
+    scene: Scene,
+    before: FloatArray,
+    after: FloatArray,
+    options: ShareOptions,
+    *,
+    loosely: bool = False,
 ) -> ShareSearch:
-    """Return the search for shares of a correction of the scene, poses (V, 3)."""
+    """Return the search for shares of a correction of the scene, poses (V, 3).
+
+    loosely: see `StrainMeter`.
+    """
 
     def blend(share: FloatArray) -> FloatArray:
         return blended(scene, before, after, share)
 
-    return ShareSearch(scene.strain_meter, before, after, blend, options=options)
+    return ShareSearch(scene.strain_meter, before, after, blend, loosely=loosely, options=options)
 
 
 def blended(scene: Scene, before: FloatArray, after: FloatArray, share: FloatArray) -> FloatArray:

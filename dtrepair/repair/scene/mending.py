@@ -54,8 +54,8 @@ def mended(
     taken = len(found) < len(pairs)
     if judged.lowered:
         taken &= float(np.abs(near - start).max()) <= farthest
-    if taken and last is None and strain_of(scene, before, points):
-        taken = bool(strain_of(scene, before, judged.points))
+    if taken and last is None and strain_of(scene, before, points, loosely=True):
+        taken = bool(strain_of(scene, before, judged.points, loosely=True))
     return (judged._replace(points=points), found) if taken else (judged, pairs)
 
 

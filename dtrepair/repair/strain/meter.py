@@ -29,7 +29,7 @@ Places = NDArray[np.integer]
 class _Changed(NamedTuple):
     """What a correction spoilt: edges, how far each tie (N,) came off, diagonals, and all else.
 
-    away: the same, where what goes back to where it was modelled has not come off at all.
+    away: the same for the looser bounds, by which no way back to where it was modelled counts.
     limb: the largest change of the volume of a limb, whether that is too much or not.
     """
 
@@ -78,10 +78,9 @@ class StrainMeter:
     ) -> list[Excess]:
         """Return what is beyond its bound in a pose (V, 3), against that of the input.
 
-        strict: what relief aims at: what the input let go is judged like what it holds, all may
-        slide a little less, and all bounds are told, not only the first that a joint passes.
-        loosely: what may be where something would be left else: parts go back to where they were
-        modelled by any way, and what the input let go goes farther.
+        strict: what relief aims at: all may slide a little less, and all bounds are told, not only
+        the first that a joint passes. loosely: what may be where something would be left else:
+        parts go back to where they were modelled by any way, and what the input let go farther off.
         """
         if np.array_equal(before, after):
             return []
@@ -149,7 +148,8 @@ class StrainMeter:
     ) -> tuple[FloatArray, FloatArray]:
         """Return how far (N,), diagonals, each tied vertex came off; of no ties none.
 
-        The second where what goes back to where it was modelled has not, the first if not by far.
+        What goes back to where it was modelled has not: the first of what moves by `drift` at most,
+        the second by any way, for the looser bounds.
         """
         if self.parts.ties is None:
             return np.zeros(0), np.zeros(0)

@@ -61,6 +61,7 @@ class ShareSearch:
         before: The pose (V, 3) of the input.
         after: That of the correction.
         blend: Makes the pose of a share; 1 gives `after`, and 0 `before`.
+        loosely: Whether the looser bounds hold, see `StrainMeter`.
         options: The numbers.
     """
 
@@ -71,9 +72,11 @@ class ShareSearch:
         after: FloatArray,
         blend: Blend,
         *,
+        loosely: bool = False,
         options: ShareOptions = ShareOptions(),
     ) -> None:
         self.meter, self.before, self.blend, self.options = meter, before, blend, options
+        self.loosely = loosely
         self.motion = lengths(after - before)
         self.graph = meter.parts.distances(before)
 
@@ -103,7 +106,7 @@ class ShareSearch:
         count = round(1.0 / self.options.step)
         for step in range(1, count):
             share = np.full(len(self.before), 1.0 - step * self.options.step)
-            if not self.meter(self.before, self.blend(share)):
+            if not self._beyond(share):
                 return share
         return np.zeros(len(self.before))
 
@@ -116,7 +119,7 @@ class ShareSearch:
         core = np.zeros(len(self.before), dtype=bool)
         for _ in range(self.options.rounds):
             share = self._field(level, core, width)
-            found = self.meter(self.before, self.blend(share))
+            found = self._beyond(share)
             if not found:
                 return share
             hit = _vertices(found, len(core))
@@ -128,6 +131,10 @@ class ShareSearch:
             lowest[struck] = 0.0 if at_once else np.maximum(lowest[struck] - self.options.step, 0.0)
             level[core] = lowest[region[core]]
         return None
+
+    def _beyond(self, share: FloatArray) -> list[Excess]:
+        """Return what is beyond its bound with a share (V,)."""
+        return self.meter(self.before, self.blend(share), loosely=self.loosely)
 
     def _field(self, level: FloatArray, core: NDArray[np.bool_], width: float) -> FloatArray:
         """Return shares (V,): the level (V,) in the core, smoothly up to 1 beyond it."""

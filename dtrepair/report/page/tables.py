@@ -170,8 +170,11 @@ def _part_pairs(section: Mapping[str, Any], *, checked: bool) -> str:
     every = PartPairs.from_document(section)
 
     def numbers(counts: PairCounts) -> list[Cell]:
-        both = vars(counts).items()
-        return [str(n) for name, n in both if not (checked and name.endswith("_after"))]
+        before, after = counts.pairs_before, counts.pairs_after
+        more = ", more than before" if after > before else ""
+        triangles = counts.triangles_before, counts.triangles_after
+        every = str(before), f"{after}{more}", *map(str, triangles)
+        return list(every[::2] if checked else every)
 
     rows: list[list[Cell]] = [
         [

@@ -88,6 +88,33 @@ def test_a_prim_names_a_part_of_another_or_of_itself(post: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    "detach", [f"{POST} part 1,{POST} part 3", f"{POST},{POST}", f"{POST} part 3,{POST}"]
+)
+def test_what_is_within_what_is_detached_is_not_attached(post: Path, detach: str) -> None:
+    host, text = Listener(), f"{POST} part 3,{POST} part 1"
+    check_stage(post, attach=(text,), detach=(detach,), observer=host)
+    assert f"{text}: called both attached and detached: it is detached" in host.warnings
+    assert not any(own.startswith("attach: ") for own in host.warnings)
+
+
+def test_numbers_are_the_same_where_nothing_is_modelled(tmp_path: Path) -> None:
+    """A ball touches the post that it overlaps in a vertex, where both would be one part."""
+    body, ball = tube(24, 100, 0.5, 8.0), icosphere(2, 0.3)
+    meeting = ball[0] + body[0][900] - ball[0][0]
+    points, faces = joined(body, (meeting, ball[1]), (ball[0] + 3.0, ball[1]))
+    path = tmp_path / "a.usda"
+    mesh = AuthoredMesh(path=POST, faces=faces, points=[points] * 3, rest=points)
+    write_animation(path, mesh, times=[1.0, 2.0, 3.0])
+    (shown,) = check_stage(path).attached.listed
+    (fault,) = check_stage(path, rest_contacts="repair").frames[0].faults.listed
+    for own in ("number", "triangles"):
+        assert {getattr(shown.first, own), getattr(shown.second, own)} == {
+            getattr(fault.first, own),
+            getattr(fault.second, own),
+        }
+
+
 def test_parts_that_never_meet_are_named_in_a_warning(post: Path) -> None:
     for text, met in ((f"{POST} part 2,{POST} part 3", False), (f"{POST} part 4,{POST}", True)):
         host = Listener()
@@ -124,6 +151,15 @@ def test_what_is_attached_are_the_parts_that_are_named(tmp_path: Path) -> None:
         ({"attach": (f"{POST},/Root/Bead part 2",)}, "part 2: expected a number from 1 to 1"),
         ({"attach": (f"{POST} part 0,{POST}",)}, "part 0: expected a number from 1 on"),
         ({"ignore": (f"{POST} part 1,{POST}",)}, "--ignore: expected two prims"),
+        (
+            {"detach": (f"{POST} part 5,{POST}",), "rest_contacts": "repair"},
+            "from 1 to 4, as check",
+        ),
+        ({"attach": (f"{POST} part 2,{POST} part 2",)}, "names one part twice"),
+        ({"detach": (f"{POST} part2,{POST}",)}, "'part2' names none; a part of a mesh is written"),
+        ({"detach": (f"{POST} Parts 2,{POST}",)}, "'Parts 2' names none"),
+        ({"detach": (f"{POST} part 1 + {POST} part 2,{POST}",)}, "'part 1 \\+' names none"),
+        ({"ignore": (f"{POST} part 1 (320 triangles),{POST}",)}, "names none"),
         ({"detach": (f"/Root/None part 1,{POST}",)}, "matches none of the selected meshes"),
     ],
 )

@@ -40,6 +40,34 @@ def test_what_would_be_left_within_the_bounds_is_not_where_looser_ones_hold(loos
     assert (len(left) == 0) == held
 
 
+@pytest.mark.parametrize("longer", [1.8, 2.5])
+def test_what_is_beyond_the_looser_bounds_keeps_the_share_within_them(longer: float) -> None:
+    scene, frame, found = turned_wing(0.02)
+    far = frame.centred + longer * (found - frame.centred)
+    assert strain_of(scene, frame.centred, far, loosely=True)
+    none = np.zeros((0, 2), dtype=np.int32)
+    (clip,) = bounded_frames(scene, [frame], [far], np.zeros(1))
+    pose, left = bounded_pose(
+        scene, frame, Judged(far), none, lambda points: scene.pairs(points, frame.weld)
+    )
+    assert len(left) == 0
+    for judged in (clip, pose):
+        assert not len(scene.pairs(judged.points, frame.weld)) and not judged.lowered
+        assert not strain_of(scene, frame.centred, judged.points, loosely=True)
+    # Attached parts were brought back in the clip.
+    assert strain_of(scene, frame.centred, pose.points)
+
+
+def test_at_any_cost_nothing_is_told_that_looser_bounds_hold() -> None:
+    scene, frame, found = turned_wing(0.02)
+    free = replace(scene, options=replace(scene.options, at_any_cost=True))
+    none = np.zeros((0, 2), dtype=np.int32)
+    for longer, told in ((1.0, False), (2.0, True)):
+        far = frame.centred + longer * (found - frame.centred)
+        judged, _ = bounded_pose(free, frame, Judged(far), none, lambda _: none)
+        assert judged.points is far and bool(judged.excess) == told
+
+
 def test_a_frame_that_needs_it_leaves_the_others_within_the_bounds() -> None:
     """The second frame is as strained, and beyond the looser bounds, too."""
     scene, frame, found = turned_wing(0.02)

@@ -73,7 +73,8 @@ def _judged(
 ) -> list[Judged]:
     """Return poses (V, 3) within the bounds.
 
-    excess: of each frame; loose: frames where looser bounds hold, of which it is empty.
+    excess: what is strained of each frame by the bounds that hold for it; loose: the frames for
+    which the looser ones do.
     """
     if not any(excess):
         return [Judged(points) for points in poses]

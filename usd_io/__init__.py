@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from usd_io.times import FrameSpec, parse_frames
     from usd_io.write.authoring import AuthoredMesh, write_animation
     from usd_io.write.joining import is_joined, join_layers
-    from usd_io.write.records import repaired_stage
+    from usd_io.write.records import repair_settings, repaired_stage
     from usd_io.write.writer import OverrideWriter
 
 __all__ = [
@@ -73,6 +73,7 @@ __all__ = [
     "read_meshes",
     "read_points",
     "read_vertex_weights",
+    "repair_settings",
     "repaired_stage",
     "stage_times",
     "transform_points",
@@ -108,7 +109,7 @@ _MODULES = {
         "world_matrix",
     ),
     "read.vertex_weights": ("read_vertex_weights",),
-    "write.records": ("repaired_stage",),
+    "write.records": ("repair_settings", "repaired_stage"),
     "write.writer": ("OverrideWriter",),
 }
 _HOME = {name: module for module, names in _MODULES.items() for name in names}

@@ -19,6 +19,7 @@ from dtrepair.pipeline.modelled.references import (
     modelled_parts,
     untold_in_check,
 )
+from dtrepair.pipeline.modelled.unrepaired import repaired_otherwise
 from dtrepair.pipeline.observer import (
     SILENT,
     Observer,
@@ -181,7 +182,13 @@ def _modelled(
     found = read_settings(source, tables=asking(settings.tables, CALLED), keys=CALLED)
     asked = {"attach": settings.attach, "detach": settings.detach}
     told, warnings = called_pairs(source, found.each, **asked)
+    known = {**asked, "ignore": settings.ignore}
     warn(observer, [*found.warnings, *warnings])
+    if missing := repaired_otherwise(source, settings.counting, known):
+        observer.warning(
+            f"repaired with {missing}, and counted without: give it here as well to count as the "
+            "repair did"
+        )
     auto = settings.counting == "auto"
     modelled = modelled_parts(source, ignored=ignored, told=told, auto=auto)
     tell_modelled(observer, modelled, asked=told.attached)

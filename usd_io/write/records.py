@@ -31,6 +31,12 @@ def repaired_stage(stage: OpenedStage | Usd.Stage) -> str:
     return found
 
 
+def repair_settings(stage: OpenedStage | Usd.Stage) -> dict[str, Any]:
+    """Return the settings with which a layer was repaired; of any other stage none."""
+    layer = as_stage(stage).GetRootLayer()
+    return dict(get_record(layer)["settings"]) if _is_repair(layer) else {}
+
+
 def _is_repair(layer: Sdf.Layer) -> bool:
     """Return whether a layer has repaired points of the one that it lies over, and not of others.
 

@@ -101,12 +101,9 @@ class PlacedMeshes:
         self.binding = np.array([_binding(*each) for each in both], dtype=object)
         self._named = np.array([rest.named for rest in rests], dtype=bool)
         self._starts = starts
-        for side in {side for pair in (*told.attached, *told.detached) for side in pair}:
-            if side.part > (most := int(self._numbers[self.mesh_of == side.mesh].max(initial=0))):
-                raise UsageError(
-                    f"{source.meshes[side.mesh].path} part {side.part}: expected a number from 1 "
-                    f"to {most}, as check --modelled and reports name the parts of this mesh"
-                )
+        for pair in (*told.attached, *told.detached):
+            for side in pair:
+                self._refuse_unknown(side)
 
     def faces_outwards(self) -> IntArray:
         """Return the triangles (F, 3), turned to face out of closed parts as for a repair."""
@@ -131,6 +128,18 @@ class PlacedMeshes:
         """The number (F,) of each triangle's part in its mesh, as lists tell it."""
         part = np.unique(self.part_of, return_inverse=True)[1].reshape(-1)
         return numbered(part, self.mesh_of, int(part.max(initial=-1)) + 1)[1][part]
+
+    def _refuse_unknown(self, side: Side) -> None:
+        """Raise a usage error for a part that is not there."""
+        if side.part == 0:
+            return
+        most = int(self._numbers[self.mesh_of == side.mesh].max(initial=0))
+        if side.part > most:
+            numbers = f"a number from 1 to {most}" if most > 1 else "no number, as it is one part"
+            raise UsageError(
+                f"attach, detach: {self.source.meshes[side.mesh].path} part {side.part}: expected "
+                f"{numbers}; check --modelled and reports name the parts of a mesh"
+            )
 
     def _of(self, side: Side) -> BoolArray:
         """Return which triangles (F,) are of one side of a pair that the user names."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from dtrepair.pipeline.errors import PipelineError
@@ -23,6 +25,28 @@ def unrepaired(source: Source) -> Source:
     except (PipelineError, usd_io.UsdIoError):
         return source
     return found if _alike(found, source) else source
+
+
+def repaired_otherwise(source: Source, counting: str, given: Mapping[str, Sequence[str]]) -> str:
+    """Return the options of a repair that tell what counts, and that nobody has given again.
+
+    counting: how rest contacts count in this run; given: the pairs of each option of it, by its
+    name. "" where none are missing, and for what is no repair.
+    """
+    import usd_io
+
+    if type(source) is not StageSource:
+        return ""
+    settings = usd_io.repair_settings(source.opened)
+    missing = [
+        f'--{name} "{text}"'
+        for name, own in given.items()
+        for text in settings.get(name, ())
+        if text not in own
+    ]
+    if settings.get("rest_contacts") == "repair" != counting:
+        missing.append("--rest-contacts repair")
+    return " ".join(missing)
 
 
 def _alike(first: StageSource, second: StageSource) -> bool:

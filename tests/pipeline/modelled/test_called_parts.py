@@ -147,8 +147,11 @@ def test_what_is_attached_are_the_parts_that_are_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("choices", "told"),
     [
-        ({"detach": (f"{POST} part 5,{POST}",)}, "part 5: expected a number from 1 to 4, as check"),
-        ({"attach": (f"{POST},/Root/Bead part 2",)}, "part 2: expected a number from 1 to 1"),
+        ({"detach": (f"{POST} part 5,{POST}",)}, "part 5: expected a number from 1 to 4; check"),
+        (
+            {"attach": (f"{POST},/Root/Bead part 2",)},
+            "Bead part 2: expected no number, as it is one part",
+        ),
         ({"attach": (f"{POST} part 0,{POST}",)}, "part 0: expected a number from 1 on"),
         ({"ignore": (f"{POST} part 1,{POST}",)}, "--ignore: expected two prims"),
         (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ from pxr import Usd, UsdGeom
 
 from dtrepair.pipeline import check_stage, repair_stage
 from dtrepair.pipeline.modelled.unrepaired import unrepaired
-from dtrepair.pipeline.selection import Selection
+from dtrepair.pipeline.selection import ObjectOptions, Selection
 from dtrepair.pipeline.stages.sources import open_source
+from dtrepair.repair.options import RepairOptions
 from tests.meshes import icosphere, tube
+from tests.pipeline.hosts import Listener
 
 TIMES = 1.0 + np.arange(10)
 
@@ -78,3 +81,25 @@ def test_stages_of_other_meshes_tell_nothing(repaired: Path, tmp_path: Path) -> 
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/Root/A/Mesh"))
     mesh.GetFaceVertexIndicesAttr().Set(turned.ravel().tolist())
     assert unrepaired(source) is source
+
+
+def test_what_counted_in_the_repair_and_not_in_the_check_is_told(tmp_path: Path) -> None:
+    path, out = jointed_rods(tmp_path / "in.usda"), tmp_path / "out.usdc"
+    pair, other = "/Root/A//,/Root/C//", "/Root/B//,/Root/C//"
+    repair_stage(
+        path,
+        out,
+        objects=ObjectOptions(ignore=(pair,), detach=(other,)),
+        options=RepairOptions(rest_contacts="repair"),
+    )
+    told = f'repaired with --detach "{other}" --ignore "{pair}" --rest-contacts repair, and counted'
+    cases: list[tuple[Path, Any, bool]] = [
+        (out, {}, True),
+        (out, {"ignore": (pair,), "detach": (other,), "rest_contacts": "repair"}, False),
+        (path, {}, False),
+    ]
+    for stage, choices, warns in cases:
+        host = Listener()
+        check_stage(stage, observer=host, **choices)
+        assert any(own.startswith(told) for own in host.warnings) == warns
+        assert any(own.startswith("repaired with") for own in host.warnings) == warns

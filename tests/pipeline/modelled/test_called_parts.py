@@ -150,13 +150,13 @@ def test_what_is_attached_are_the_parts_that_are_named(tmp_path: Path) -> None:
         ({"detach": (f"{POST} part 5,{POST}",)}, "part 5: expected a number from 1 to 4; check"),
         (
             {"attach": (f"{POST},/Root/Bead part 2",)},
-            "Bead part 2: expected no number, as it is one part",
+            "expected no number, as it is one part",
         ),
         ({"attach": (f"{POST} part 0,{POST}",)}, "part 0: expected a number from 1 on"),
         ({"ignore": (f"{POST} part 1,{POST}",)}, "--ignore: expected two prims"),
         (
             {"detach": (f"{POST} part 5,{POST}",), "rest_contacts": "repair"},
-            "from 1 to 4, as check",
+            "from 1 to 4; check",
         ),
         ({"attach": (f"{POST} part 2,{POST} part 2",)}, "names one part twice"),
         ({"detach": (f"{POST} part2,{POST}",)}, "'part2' names none; a part of a mesh is written"),

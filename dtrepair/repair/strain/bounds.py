@@ -28,6 +28,7 @@ class StrainOptions:
         aim: Relief goes on to this part of it: who measures at other vertices finds a little more.
         joint: 95 % of those between the same two parts: one joint is few of all vertices. What slid
             farther from the rest in the input itself, as hair over a shoulder, is no joint there.
+            Where something would be left else it may slide as far as `drift`.
         volume: Change of the volume of a closed part: flesh that swells or shrivels more is seen.
         thicker: Of what has more volume, growth of the volume over the area: a ring that is widened
             to go round an arm has more of both, and did not swell. Attached lumps without a hole,

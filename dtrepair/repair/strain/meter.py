@@ -173,6 +173,7 @@ class StrainMeter:
             return []
         held = ~self.let_go(before, options.joint)
         most = np.where(held, options.drift, options.loose if loosely else options.drift)
+        joint = max(options.joint, options.drift) if loosely else options.joint
         least = np.where(held | strict, min(options.drift, options.joint), most)
         result = []
         for index in np.unique(self.parts.joint[drift > min(options.drift, options.joint)]):
@@ -183,8 +184,8 @@ class StrainMeter:
             beyond = []
             if drift[worst] > most[worst]:
                 beyond.append((StrainKind.DRIFT, float(drift[worst]), float(most[worst])))
-            if far > options.joint and (strict or not beyond):
-                beyond.append((StrainKind.SLIDE, far, options.joint))
+            if far > joint and (strict or not beyond):
+                beyond.append((StrainKind.SLIDE, far, joint))
             for kind, value, bound in beyond:
                 result.append(self._slid(kind, value, bound, worst, own[drift[own] > least[own]]))
         every = float(np.quantile(drift, 0.95))

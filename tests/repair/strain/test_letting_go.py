@@ -134,9 +134,9 @@ def test_what_the_input_led_off_is_no_joint_but_goes_no_farther(scale: float) ->
         assert _loosened(meter(before, after, loosely=True)) == loose
         assert _loosened(meter(before, after)) == tight
         assert _loosened(meter(before, after, strict=True)) == tight
-        assert (
-            _loosened(held(before, after)) == _loosened(held(before, after, loosely=True)) == tied
-        )
+        assert _loosened(held(before, after)) == tied
+        # One joint may slide as far as a vertex may drift.
+        assert _loosened(held(before, after, loosely=True)) == tight
         every = slide if tied == slide else drift + slide
         assert _loosened(held(before, after, strict=True)) == every
 

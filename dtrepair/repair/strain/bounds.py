@@ -22,6 +22,8 @@ class StrainOptions:
         point: Edges shorter than this before and after are points: rounding changes their length.
         drift: An attached vertex may move so far off its place on the other part: an eye or a cuff
             seen from near comes off.
+        larger: What sits on a part of so many times its area may go back to where it was modelled
+            by any way: a pouch that sank into a vest is led out.
         loose: So far, where something would be left else, what the input itself has led off its
             place, as hair that a turned head leads off a shoulder: it rests there no more.
         slide: 95 % of all attached vertices move less: what slides more looks loose all over.
@@ -50,6 +52,7 @@ class StrainOptions:
     edges_share: float = 0.0005
     point: float = 1e-5
     drift: float = 0.02
+    larger: float = 10.0
     loose: float = 0.04
     slide: float = 0.004
     aim: float = 0.85

@@ -149,7 +149,7 @@ class StrainMeter:
         """Return how far (N,), diagonals, each tied vertex came off; of no ties none.
 
         What goes back to where it was modelled has not: the first of what moves by `drift` at most,
-        the second by any way, for the looser bounds.
+        or is small, as a pouch that sank into its vest; the second, for the looser bounds, of all.
         """
         if self.parts.ties is None:
             return np.zeros(0), np.zeros(0)
@@ -158,7 +158,8 @@ class StrainMeter:
         # Whatever the bounds, nothing is told below this.
         if self.references and drift.max() > self.options.slide * min(self.options.aim, 1.0):
             away = np.fmin(drift, changes(self._modelled, offsets / size))
-            return np.where(drift > self.options.drift, drift, away), away
+            leaps = (drift > self.options.drift) & ~self._sitting
+            return np.where(leaps, drift, away), away
         return drift, drift
 
     def _drifts(
@@ -200,6 +201,17 @@ class StrainMeter:
             return np.zeros(len(self.parts.joint), dtype=bool)
         shown = self._offsets_before(self.parts.tie_offsets, pose)
         return changes(self._modelled, shown / (self.scale.diagonal(pose) or 1.0)) > bound
+
+    @cached_property
+    def _sitting(self) -> NDArray[np.bool_]:
+        """Which ties (N,) are of a part that sits on one far larger, as a pouch on a vest."""
+        assert self.parts.ties is not None
+        ties, parts = self.parts.ties, self.parts
+        areas = lengths(vector_areas(self.references[0], parts.faces))
+        area = np.bincount(parts.of_face, areas, parts.count)
+        sides = np.stack([ties.vertices, parts.corners[ties.triangles, 0]], axis=1)
+        both = area[parts.of_vertex[sides]]
+        return np.asarray(both.max(axis=1) > self.options.larger * both.min(axis=1))
 
     @cached_property
     def _modelled(self) -> FloatArray:

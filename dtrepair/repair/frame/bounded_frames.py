@@ -9,9 +9,9 @@ import numpy as np
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.temporal import eased_in_time, frame_units
 from dtrepair.repair.scene.bounds import (
-    LOOSE,
     Judged,
     blended,
+    came_loose,
     share_search,
     strain_of,
     wrong_in,
@@ -48,7 +48,10 @@ def bounded_frames(
     if not any(excess):
         return [Judged(points) for points in poses]
     judged = _judged(scene, frames, poses, times, excess, options)
-    loose = frozenset(index for index, own in enumerate(judged) if own.lowered and excess[index])
+    lowered = zip(judged, excess, strict=True)
+    loose = frozenset(
+        index for index, (own, off) in enumerate(lowered) if own.lowered and came_loose(off)
+    )
     if not loose:
         return judged
     again = [
@@ -157,7 +160,7 @@ def _held(
     None where they did not; none gets more pairs than its input has, and those within the bounds
     hardly more than they have.
     """
-    off = np.array([any(own.kind in LOOSE for own in found) for found in excess])
+    off = np.array([came_loose(found) for found in excess])
     if not off.any():
         return None
     holding = Holding(scene)

@@ -72,6 +72,11 @@ def wrong_of_groups(
     return np.bincount(group[parts], minlength=count).astype(np.int32)
 
 
+def came_loose(excess: Sequence[Excess]) -> bool:
+    """Return whether something attached came off, for which there are looser bounds."""
+    return any(own.kind in LOOSE for own in excess)
+
+
 def badness(excess: Sequence[Excess]) -> float:
     """Return how far beyond its bounds a pose is, 0 where it is within them."""
     return float(sum(own.value / max(own.bound, 1e-12) for own in excess))
@@ -99,7 +104,7 @@ def bounded_pose(
     if 0 < wrong >= pose.wrong:
         return judged, pairs  # no better than the input, which is kept
     best: list[tuple[int, FloatArray, IntArray]] = []
-    for loosely in (False, True):
+    for loosely in (False, True) if came_loose(excess) else (False,):
         if not strain_of(scene, pose.centred, judged.points, loosely=loosely):
             return judged, pairs
         search = share_search(scene, pose.centred, judged.points, options, loosely=loosely)

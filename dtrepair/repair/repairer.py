@@ -166,11 +166,16 @@ class SceneRepairer:
         """
         return self.batch([points])[0]
 
-    def strains(self, before: Sequence[Any], after: Sequence[Any]) -> tuple[Strain, ...]:
-        """Return what a correction of poses (V, 3) of each body strains beyond the bounds."""
+    def strains(
+        self, before: Sequence[Any], after: Sequence[Any], *, loosely: bool = False
+    ) -> tuple[Strain, ...]:
+        """Return what a correction of poses (V, 3) of each body strains beyond the bounds.
+
+        loosely: by those that hold where something would be left else.
+        """
         given = self.scene.gather(before)
         centred, centre = about_centre(given)
-        excess = strain_of(self.scene, centred, self.scene.gather(after) - centre, loosely=True)
+        excess = strain_of(self.scene, centred, self.scene.gather(after) - centre, loosely=loosely)
         bodies = range(len(self.bodies))
         return tuple(s for body in bodies for s in strains_of(self.scene, body, given, excess))
 

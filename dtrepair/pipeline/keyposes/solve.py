@@ -247,7 +247,8 @@ class StageKeys:
         moved = [displacements(a, b) for a, b in zip(*spaces, strict=True)]
         strains = self._strained(time, new)
         if record is not None:
-            strains = self.repairer.repairer.strains(frame.spaces, ended.spaces)
+            # A key that looser bounds held is not strained for it.
+            strains = self.repairer.repairer.strains(frame.spaces, ended.spaces, loosely=True)
         sizes = self.repairer.record.sizes(frame, spaces[0])
         left = in_stage_units(_with_strains(record, strains, after.total.pairs), sizes)
         parts = self.repairer.modelled.in_frame(time, before, frame.spaces, after, ended.spaces)

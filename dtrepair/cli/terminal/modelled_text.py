@@ -59,8 +59,7 @@ def print_modelled(console: Console, report: Report) -> None:
 def print_faults(console: Console, found: PartPairs, *, single: bool, checked: bool) -> None:
     """Print which connected parts met which in all frames together, and where in the worst one.
 
-    single: whether all are of one mesh, which is named once; checked:
-    whether nothing was repaired.
+    single: whether all are of one mesh, which is named once; checked: whether nothing was repaired.
     """
 
     def name(part: PartRecord) -> str:

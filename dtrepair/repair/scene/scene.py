@@ -302,8 +302,7 @@ class Scene:
     def pairs(self, points: FloatArray, weld: IntArray) -> IntArray:
         """Return the intersecting pairs (K, 2) of a pose (V, 3), exact on float32 coordinates.
 
-        Of contacts that count only, which modelled ones do not; `weld` (V,): vertices that count
-        as one.
+        Of contacts that count, so of no modelled ones; `weld` (V,): vertices that count as one.
         """
         pairs = self.detector(points, weld=weld, zones=self._zones)
         return self.unmodelled(pairs[self.counted(self.body_of[pairs])])

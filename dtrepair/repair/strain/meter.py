@@ -148,8 +148,9 @@ class StrainMeter:
     ) -> tuple[FloatArray, FloatArray]:
         """Return how far (N,), diagonals, each tied vertex came off; of no ties none.
 
-        What goes back to where it was modelled has not: the first of what moves by `drift` at most,
-        or is small, as a pouch that sank into its vest; the second, for the looser bounds, of all.
+        What goes back to where it was modelled has not: the first of what the input led off it by
+        more than `joint` and moves by `drift` at most, or is small, as a pouch that sank into its
+        vest; the second, for the looser bounds, of all.
         """
         if self.parts.ties is None:
             return np.zeros(0), np.zeros(0)
@@ -159,7 +160,8 @@ class StrainMeter:
         if self.references and drift.max() > self.options.slide * min(self.options.aim, 1.0):
             away = np.fmin(drift, changes(self._modelled, offsets / size))
             leaps = (drift > self.options.drift) & ~self._sitting
-            return np.where(leaps, drift, away), away
+            held = ~self.let_go(before, self.options.joint)
+            return np.where(leaps | held, drift, away), away
         return drift, drift
 
     def _drifts(

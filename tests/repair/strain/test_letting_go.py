@@ -145,12 +145,23 @@ def test_what_goes_back_to_where_it_was_modelled_may_not_leap_there() -> None:
     known = lock_on_trunk().strain_meter
     rest, off = (joined(TRUNK, (bent(turn), LOCK[1]))[0] for turn in (0.0, 0.5))
     way = (off - rest) / np.linalg.norm(off - rest, axis=1).max()
+    far = np.linalg.norm(way, axis=1) > 0.75
     for away, told in ((0.015, []), (0.025, [StrainKind.DRIFT])):
-        before = rest + away * diagonal(rest) * way
+        before = rest + away * diagonal(rest) * far[:, None] * way
         assert _loosened(known(before, rest)) == told
         assert _loosened(known(before, rest, loosely=True)) == []
         # As far the other way it has come off.
         assert _loosened(known(before, 2.0 * before - rest))
+
+
+def test_what_the_input_left_in_its_place_slides_also_towards_where_it_was_modelled() -> None:
+    known = lock_on_trunk().strain_meter
+    rest, off = (joined(TRUNK, (bent(turn), LOCK[1]))[0] for turn in (0.0, 0.5))
+    way = (off - rest) / np.linalg.norm(off - rest, axis=1).max()
+    before = rest + 0.009 * diagonal(rest) * way
+    assert not known.let_go(before, known.options.joint).any()
+    assert _loosened(known(before, rest)) == [StrainKind.SLIDE]
+    assert _loosened(known(before, rest, loosely=True)) == []
 
 
 def test_relief_aims_at_a_little_less_than_may_be() -> None:

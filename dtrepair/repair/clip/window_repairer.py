@@ -145,11 +145,11 @@ class WindowRepairer:
         def on_all_ways(sides: WeldedMeshes, opened: list[Frame]) -> list[Judged]:
             return self._on_all_ways(sides, opened, share, effort / 2.0)[0]
 
-        def stays_dirty(frame: Frame) -> bool:
-            return any(left_over(meshes.scene, [frame], self._judged(usual, [frame])))
+        def left(frame: Frame) -> tuple[int, ...]:
+            return left_over(meshes.scene, [frame], self._judged(usual, [frame]))
 
         if found is None:
-            solved = outer_sides_first(meshes, solved, on_all_ways, stays_dirty, self._spread)
+            solved = outer_sides_first(meshes, solved, on_all_ways, left, self._spread)
             self._worth = worth  # The outer sides told theirs.
             found = with_props(usual, solved, self._judged, options=ways)
         judged, taken = found

@@ -9,16 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray
+from dtrepair.numerics.temporal import runs_of
 from dtrepair.repair.scene.bounds import Judged, faults_left
 from dtrepair.repair.scene.holding import is_tied
 from dtrepair.repair.scene.opened_pose import Pose
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
+from dtrepair.repair.scene.sub_scene import OuterSides
+from dtrepair.repair.scene.welded_mesh import PartMeshes, WeldedMesh, WeldedMeshes
 
 # Returns repaired poses (V, 3) of the frames of a scene.
 Solve = Callable[[Scene, WeldedMesh, list[Pose]], list[FloatArray]]
@@ -54,9 +58,14 @@ class OuterSideOptions:
     Args:
         share: Where at least so many of the pairs are of shells that something came out of:
             elsewhere it costs more than it gains.
+        of_most: Frames in which they have less than this share of what they have in the worst one
+            stay as they are, ...
+        apart: ... and so many of them, one after the other, divide the others into runs.
     """
 
     share: float = 0.05
+    of_most: float = 0.1
+    apart: int = 4
 
 
 def inside_out(
@@ -89,29 +98,63 @@ def outer_sides_first(
     meshes: WeldedMeshes,
     frames: list[Pose],
     judge: Judge[Pose],
-    stays_dirty: Callable[[Pose], bool] = lambda frame: True,
+    left: Callable[[Pose], tuple[int, ...]] | None = None,
     side_by_side: SideBySide = one_by_one,
     *,
     options: OuterSideOptions = OuterSideOptions(),
 ) -> list[Pose]:
     """Return the frames, solved from where the outer sides of thin shells alone come clean.
 
-    Where something of attached parts comes out of such a shell, as a knee of a skirt with a
-    thickness, both sides of it may hold each other there. Where nothing does, or the frame in which
-    most does comes clean all the same, what is given; so, too, where the outer sides keep all they
-    meet. Loose shells are led off as wholes.
+    Where something meets such a shell, as a knee that comes out of a skirt or a sleeve that is
+    pressed into a coat, both sides of it may hold each other there. Runs of frames where nothing
+    does, or whose worst frame is left no better so, stay as given; so, too, frames whose outer
+    sides keep all they meet. Loose shells are led off as wholes.
 
-    stays_dirty: whether a frame solved from itself is not clean.
+    left: how much is wrong with a frame solved from where it begins; None: all runs are tried.
     """
     known = meshes.outer_sides if is_tied(meshes.scene) else None
     if known is None:
         return frames
-    parts, own = known
-    through = [parts.pairs_through(frame.pairs) for frame in frames]
-    most = int(np.argmax(through))
-    share = sum(through) / max(sum(len(frame.pairs) for frame in frames), 1)
-    if through[most] == 0 or share < options.share or not stays_dirty(frames[most]):
+    begin = partial(_begun, known, judge, side_by_side)
+    met = np.array([known.parts.pairs_of_shells(frame.pairs) for frame in frames])
+    if met.sum() < options.share * max(sum(len(frame.pairs) for frame in frames), 1):
         return frames
+    result = list(frames)
+    for run in _runs(met > options.of_most * met.max(), options.apart):
+        worst = frames[run.start + int(np.argmax(met[run]))]
+        if left is None or _gains(worst, begin, left):
+            result[run] = begin(frames[run])
+    return result
+
+
+def _gains(
+    frame: Pose,
+    begin: Callable[[list[Pose]], list[Pose]],
+    left: Callable[[Pose], tuple[int, ...]],
+) -> bool:
+    """Return whether a frame that does not come clean by itself is left better where it begins."""
+    alone = left(frame)
+    if not any(alone):
+        return False
+    (begun,) = begin([frame])
+    return begun.begun is not None and left(begun) < alone
+
+
+def _runs(chosen: NDArray[np.bool_], apart: int) -> list[slice]:
+    """Return the runs of chosen frames (T,), with so many others or more between two of them."""
+    runs: list[slice] = []
+    for own in runs_of(chosen):
+        if runs and own.start - runs[-1].stop < apart:
+            own = slice(runs.pop().start, own.stop)
+        runs.append(own)
+    return runs
+
+
+def _begun(
+    known: PartMeshes[OuterSides], judge: Judge[Pose], side_by_side: SideBySide, frames: list[Pose]
+) -> list[Pose]:
+    """Return frames that begin where the outer sides of shells, repaired alone, are led."""
+    parts, own = known
     opened, result = side_by_side(parts.opened, frames), list[Pose]()
     for frame, before, found in zip(frames, opened, judge(own, opened), strict=True):
         left = len(own.scene.pairs(found.points, before.weld))

@@ -179,16 +179,11 @@ class OuterSides(SubScene):
         result[self._inner] += shift[self._stand[self._inner]]
         return result
 
-    def pairs_through(self, pairs: IntArray) -> int:
-        """Return how many pairs (K, 2) of the whole shells have with what comes out of them."""
-        faces, part_of = self.outer.enclosures.faces, self.outer.enclosures.part_of_face
-        count = 0
-        for shell in self.shells:
-            beneath = np.isin(part_of[pairs], shell.under)
-            met = (beneath[:, ::-1] & (part_of[pairs] == shell.part)).any(axis=1)
-            outside = np.isin(faces[pairs[met]], shell.outer).all(axis=2)
-            count += int(met.sum()) if outside.any() else 0
-        return count
+    def pairs_of_shells(self, pairs: IntArray) -> int:
+        """Return how many pairs (K, 2) of the whole shells have with anything else."""
+        parts = self.outer.enclosures.part_of_face[pairs]
+        own = np.isin(parts, [shell.part for shell in self.shells])
+        return int((own.any(axis=1) & (parts[:, 0] != parts[:, 1])).sum())
 
 
 def outer_sides(scene: Scene) -> OuterSides | None:

@@ -61,6 +61,8 @@ class SeparationOptions:
         deeper, off: What is fitted to a body goes so many times as far as it is deep in another,
             and this fraction of the diagonal, for what no depth tells the way of.
         beyond: Factor by which a shift is longer than the way to the surface: out is out.
+        attached: What is attached to others goes no farther than this fraction of the diagonal: it
+            would come off them.
         penetration: How much is looked at.
         untangling: Of bodies that hook into each other.
         worn: What goes round another body is not led off it.
@@ -79,6 +81,7 @@ class SeparationOptions:
     deeper: float = 2.0
     off: float = 0.01
     beyond: float = 1.01
+    attached: float = 0.02
     penetration: PenetrationOptions = field(default_factory=PenetrationOptions)
     untangling: UntanglingOptions = field(default_factory=UntanglingOptions)
     worn: WornOptions = field(default_factory=WornOptions)
@@ -187,8 +190,9 @@ class _Separation:
         )
         worst = samples.index(int(np.argmax(deepest)))
         known = ((some.length(worst, way), way) for way in some.directions())
-        short = ((length, way) for length, way in known if length <= options.reach * max(deepest))
         pose = some.poses[worst]
+        farthest = min(options.reach * max(deepest), self._hanging(contact, pose))
+        short = ((length, way) for length, way in known if length <= farthest)
         met = self._met(contact, pose)
         for length, way in islice(short, options.tries):
             if self._frees(contact, pose, met, options.beyond * length * way):
@@ -211,6 +215,7 @@ class _Separation:
         farthest = options.farthest * min(diagonal(points) for points in bodies)
         both = zip((contact.first, contact.second), contact.shares, strict=True)
         fitted = any(share > 0.0 and self.worn.fitted(body) for body, share in both)
+        farthest = min(farthest, self._hanging(contact, poses[worst]))
         if fitted:
             farthest = min(farthest, max(self._close_by(contact, pose) for pose in poses))
         frees = partial(self._frees, contact, poses[worst], met[worst])
@@ -225,6 +230,14 @@ class _Separation:
             # What is worn goes no farther than where it still was: pushing does the rest.
             farthest = max(length for length in lengths if length is not None)
         self._shift(contact, way, [farthest if own is None else own for own in lengths])
+
+    def _hanging(self, contact: Contact, pose: FloatArray) -> float:
+        """Return how far two bodies may be led apart in a pose (V, 3) for what they hang on."""
+        cluster = self.mesh.surface.cluster_of_body
+        hanging = np.bincount(cluster)[cluster] > 1
+        share = float((hanging[[contact.first, contact.second]] * contact.shares).max())
+        most = self.options.attached * self.scene.scale.diagonal(pose)
+        return most / share if share > 0.0 else np.inf
 
     def _close_by(self, contact: Contact, pose: FloatArray) -> float:
         """Return how far what is fitted to a body may go in a pose (V, 3): hardly off it."""

@@ -80,13 +80,14 @@ def test_what_is_pinned_follows_nothing(clip: bool) -> None:
     np.testing.assert_array_equal(np.asarray(found[0].points)[held], pose[0][held])
 
 
-def test_only_what_comes_out_counts() -> None:
+def test_only_what_meets_a_shell_counts() -> None:
     own = repairer()
     sides = sides_of(own)
     pose = opened(own, bent_through(1.0))
-    assert sides.pairs_through(pose.pairs) == len(pose.pairs) > 0
+    assert sides.pairs_of_shells(pose.pairs) == len(pose.pairs) > 0
     inwards = opened(own, [sleeve(0.3, radius=0.197)[0], limb(0.3)[0]])
-    assert len(inwards.pairs) > 0 and sides.pairs_through(inwards.pairs) == 0
+    assert sides.pairs_of_shells(inwards.pairs) == len(inwards.pairs) > 0
+    assert sides.pairs_of_shells(inwards.pairs[:0]) == 0
 
 
 def test_where_nothing_is_gained_frames_stay_as_they_are() -> None:
@@ -110,18 +111,39 @@ def test_little_that_comes_out_among_much_else_is_left_at_that() -> None:
 
     found = outer_sides_first(own.meshes, frames, judge)
     assert all(frame.begun is not None and not frame.begun.wrong for frame in found)
-    assert outer_sides_first(own.meshes, frames, judge, lambda frame: False) is frames
-    asked = list[OpenedPose]()
-
-    def stays_dirty(frame: OpenedPose) -> bool:
-        asked.append(frame)
-        return True
-
-    outer_sides_first(own.meshes, frames, judge, stays_dirty)
-    most = [sides_of(own).pairs_through(frame.pairs) for frame in frames]
-    assert asked == [frames[int(np.argmax(most))]]
     rare = OuterSideOptions(share=1.1)
     assert outer_sides_first(own.meshes, frames, judge, options=rare) is frames
+
+
+def test_the_worst_frame_of_a_run_tells_whether_all_of_it_begins_so() -> None:
+    """Of eight frames three meet the shell, four do not, and the last does."""
+    own = repairer()
+    deep, clean = (opened(own, p) for p in (bent_through(1.0), [sleeve(0.0)[0], limb(0.0)[0]]))
+    frames = [replace(deep), replace(deep), replace(deep), *[clean] * 4, replace(deep)]
+    asked = list[OpenedPose]()
+
+    def judge(meshes: WeldedMeshes, given: list[OpenedPose]) -> list[Judged]:
+        return [Judged(meshes.scene.centred_rest) for _ in given]
+
+    def begun(*left: int) -> list[bool]:
+        """Frames that begin so; of a run these are left in the given pose, and where it begins."""
+        asked.clear()
+        answers = iter(left)
+
+        def told(frame: OpenedPose) -> tuple[int, ...]:
+            asked.append(frame)
+            return (next(answers),)
+
+        found = outer_sides_first(own.meshes, frames, judge, told)
+        return [frame.begun is not None for frame in found]
+
+    assert begun(5, 4, 0) == [True] * 3 + [False] * 5
+    assert [frame.begun is not None for frame in asked] == [False, True, False]
+    assert asked[0] is frames[0] and asked[2] is frames[7]
+    assert begun(5, 5, 1, 0) == [False] * 7 + [True]
+    close = [frames[k] for k in (0, 3, 4, 5, 7)]
+    together = outer_sides_first(own.meshes, close, judge, lambda frame: (frame.begun is None,))
+    assert len(together) == 5 and all(frame.begun is not None for frame in together)
 
 
 @pytest.mark.parametrize("first", [True, False])

@@ -9,6 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair import Body, RepairOptions, SceneRepairer, Status
+from dtrepair.intersect.detector import Detector
+from dtrepair.numerics.attachments import Reference
 from dtrepair.numerics.geometry import FloatArray, extent, unique_edges
 from dtrepair.numerics.metrics import edge_log_ratio, jitter
 from dtrepair.repair.scene.make_scene import make_scene
@@ -67,6 +69,24 @@ def test_a_rod_right_through_a_ball_is_moved_not_stretched(
     assert 0.6 < sum(moved) < 0.95
     if mobility == (1.0, 1.0):
         assert moved[0] < moved[1]  # the smaller one moves farther
+
+
+@pytest.mark.parametrize("attached", [True, False])
+def test_what_is_attached_to_another_is_not_led_off_it(attached: bool) -> None:
+    """A rod with a knob at its end: the rod would come off it, as a coat off who wears it."""
+    knob = 0.2 * BALL + np.array([0.0, 0.0, 1.5])
+    away = np.array([0.0, 0.0, 9.0])
+    rest = [BALL, ROD + away, knob + away]
+    meshes = list(zip(rest, (BALL_FACES, ROD_FACES, BALL_FACES), strict=True))
+    points, faces = joined(*meshes)
+    shown = Reference(points, Detector(points, faces)(points))
+    bodies = [Body(*meshes[0], mobility=0.0), *(Body(*mesh) for mesh in meshes[1:])]
+    scene = make_scene(bodies, RepairOptions(), references=[shown] if attached else [])
+    shift = RIGHT_THROUGH[0] - ROD[0]
+    (found,) = separated(scene, [BALL, RIGHT_THROUGH, knob + shift])
+    moved = np.linalg.norm(found - np.concatenate([BALL, RIGHT_THROUGH, knob + shift]), axis=1)
+    rod = moved[len(BALL) :][: len(ROD)].max()
+    assert rod == 0.0 if attached else rod > 0.6
 
 
 def test_the_shift_of_a_clip_is_steady_and_leaves_far_frames_alone() -> None:

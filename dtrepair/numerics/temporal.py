@@ -56,10 +56,13 @@ def apply_in_time(kernel: Floats, field: Floats) -> Any:
     return result.reshape(len(kernel), *field.shape[1:])
 
 
-def runs_of(chosen: NDArray[np.bool_]) -> list[slice]:
-    """Return the runs of consecutive frames that are chosen (T,)."""
-    ends = np.flatnonzero(np.diff(chosen, prepend=False, append=False)).reshape(-1, 2)
-    return [slice(start, end) for start, end in ends.tolist()]
+def runs_of(chosen: NDArray[np.bool_], *, apart: int = 1) -> list[slice]:
+    """Return the runs of frames that are chosen (T,); fewer others than `apart` divide none."""
+    ends = np.flatnonzero(np.diff(chosen, prepend=False, append=False))
+    between = np.diff(ends)[1::2]
+    inner = np.repeat(between < apart, 2)
+    kept = ends[np.concatenate([[True], ~inner, [True]])[: len(ends)]].reshape(-1, 2)
+    return [slice(start, end) for start, end in kept.tolist()]
 
 
 def eased_in_time(needed: FloatArray, frames: FloatArray, width: float) -> FloatArray:

@@ -40,6 +40,10 @@ def test_runs_are_of_consecutive_frames() -> None:
     chosen = np.array([True, True, False, True, False, False, True])
     assert runs_of(chosen) == [slice(0, 2), slice(3, 4), slice(6, 7)]
     assert runs_of(chosen[2:3]) == runs_of(chosen[:0]) == []
+    assert runs_of(chosen, apart=2) == [slice(0, 4), slice(6, 7)]
+    assert runs_of(chosen, apart=3) == [slice(0, 7)]
+    assert runs_of(chosen[:1], apart=4) == [slice(0, 1)]
+    assert runs_of(chosen[2:3], apart=4) == runs_of(chosen[:0], apart=4) == []
 
 
 def test_needless_ends_ease_and_do_not_swing_to_the_other_side() -> None:

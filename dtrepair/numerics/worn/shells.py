@@ -53,10 +53,9 @@ class ShellOptions:
 
 
 class Shell(NamedTuple):
-    """A thin closed part: the parts (U,) that it goes round, its outer and inner vertices."""
+    """A thin closed part that goes round others, its outer and inner vertices."""
 
     part: int
-    under: tuple[int, ...]
     outer: IntArray
     inner: IntArray
 
@@ -69,7 +68,7 @@ def thin_shells(layers: Layers, *, options: ShellOptions = ShellOptions()) -> li
         thin[part] = parts.thickness(part, 0) <= numbers.thin
     if not thin.any():
         return []
-    scores, under = dict[int, FloatArray](), dict[int, list[int]]()
+    scores = dict[int, FloatArray]()
     for both in near_sheets(parts, numbers, thin):
         layer = layers.between(*both)
         if layer is None or layer.around or not thin[layer.top]:
@@ -79,14 +78,11 @@ def thin_shells(layers: Layers, *, options: ShellOptions = ShellOptions()) -> li
             continue
         score = scores.setdefault(layer.top, np.zeros(len(parts.vertices[layer.top])))
         score[np.searchsorted(parts.vertices[layer.top], layer.vertices)] += layer.sides
-        under.setdefault(layer.top, []).append(layer.under)
-    found = (_shell(parts, part, score, under[part], options) for part, score in scores.items())
+    found = (_shell(parts, part, score, options) for part, score in scores.items())
     return [shell for shell in found if shell is not None]
 
 
-def _shell(
-    parts: Parts, part: int, score: FloatArray, under: list[int], options: ShellOptions
-) -> Shell | None:
+def _shell(parts: Parts, part: int, score: FloatArray, options: ShellOptions) -> Shell | None:
     """Return the two sides of a part whose vertices (n,) are known to face out by their score."""
     own, triangles, rest = parts.vertices[part], parts.triangles[part], parts.poses[0]
     local = np.searchsorted(own, triangles).astype(np.int32)
@@ -102,7 +98,7 @@ def _shell(
     sides = [float(areas[(outwards == side)[local].all(axis=1)].sum()) for side in (True, False)]
     if min(sides) < options.even * float(areas.sum()):
         return None
-    shell = Shell(part, tuple(under), own[outwards], own[~outwards])
+    shell = Shell(part, own[outwards], own[~outwards])
     outer = triangles[outwards[local].all(axis=1)]
     away = lengths(rest[shell.inner] - NearestTriangles(rest[outer]).nearest(rest[shell.inner])[1])
     mean = parts.thickness(part, 0) * extent(rest[own])

@@ -2,7 +2,7 @@
 
 Pushed at once, body and clothes hold each other, and many frames stay dirty. The body alone comes
 clean; its clothes then give way to it, and it to them a little. The two sides of a garment with a
-thickness hold what came out of it: the outer one is repaired first.
+thickness hold what came out of it, or is pressed into it: the outer one is repaired first.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.temporal import runs_of
@@ -56,11 +55,11 @@ class OuterSideOptions:
     """When the outer sides of thin shells are solved first.
 
     Args:
-        share: Where at least so many of the pairs are of shells that something came out of:
-            elsewhere it costs more than it gains.
-        of_most: Frames in which they have less than this share of what they have in the worst one
-            stay as they are, ...
-        apart: ... and so many of them, one after the other, divide the others into runs.
+        share: Where at least so many of the pairs are of shells and anything else: elsewhere it
+            costs more than it gains.
+        of_most: Frames with at most this share of such pairs, next to the most that a frame of the
+            window has, begin no run, ...
+        apart: ... and divide runs where so many follow each other; fewer go along.
     """
 
     share: float = 0.05
@@ -110,7 +109,8 @@ def outer_sides_first(
     does, or whose worst frame is left no better so, stay as given; so, too, frames whose outer
     sides keep all they meet. Loose shells are led off as wholes.
 
-    left: how much is wrong with a frame solved from where it begins; None: all runs are tried.
+    left: how much is wrong with a frame solved from where it begins, less is better; None: all
+    runs begin so.
     """
     known = meshes.outer_sides if is_tied(meshes.scene) else None
     if known is None:
@@ -120,7 +120,7 @@ def outer_sides_first(
     if met.sum() < options.share * max(sum(len(frame.pairs) for frame in frames), 1):
         return frames
     result = list(frames)
-    for run in _runs(met > options.of_most * met.max(), options.apart):
+    for run in runs_of(met > options.of_most * met.max(), apart=options.apart):
         worst = frames[run.start + int(np.argmax(met[run]))]
         if left is None or _gains(worst, begin, left):
             result[run] = begin(frames[run])
@@ -140,16 +140,6 @@ def _gains(
     return begun.begun is not None and left(begun) < alone
 
 
-def _runs(chosen: NDArray[np.bool_], apart: int) -> list[slice]:
-    """Return the runs of chosen frames (T,), with so many others or more between two of them."""
-    runs: list[slice] = []
-    for own in runs_of(chosen):
-        if runs and own.start - runs[-1].stop < apart:
-            own = slice(runs.pop().start, own.stop)
-        runs.append(own)
-    return runs
-
-
 def _begun(
     known: PartMeshes[OuterSides], judge: Judge[Pose], side_by_side: SideBySide, frames: list[Pose]
 ) -> list[Pose]:
@@ -157,8 +147,8 @@ def _begun(
     parts, own = known
     opened, result = side_by_side(parts.opened, frames), list[Pose]()
     for frame, before, found in zip(frames, opened, judge(own, opened), strict=True):
-        left = len(own.scene.pairs(found.points, before.weld))
-        gains = left == 0 or left < len(before.pairs)
+        kept = len(own.scene.pairs(found.points, before.weld))
+        gains = kept == 0 or kept < len(before.pairs)
         begun = parts.closed(frame, found.points) if gains else None
         result.append(replace(frame, begun=begun))
     return result

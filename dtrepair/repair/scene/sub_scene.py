@@ -180,7 +180,7 @@ class OuterSides(SubScene):
         return result
 
     def pairs_of_shells(self, pairs: IntArray) -> int:
-        """Return how many pairs (K, 2) of the whole shells have with anything else."""
+        """Return how many pairs (K, 2) of triangles of the whole a shell has with other parts."""
         parts = self.outer.enclosures.part_of_face[pairs]
         own = np.isin(parts, [shell.part for shell in self.shells])
         return int((own.any(axis=1) & (parts[:, 0] != parts[:, 1])).sum())

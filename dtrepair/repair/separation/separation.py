@@ -61,8 +61,8 @@ class SeparationOptions:
         deeper, off: What is fitted to a body goes so many times as far as it is deep in another,
             and this fraction of the diagonal, for what no depth tells the way of.
         beyond: Factor by which a shift is longer than the way to the surface: out is out.
-        attached: What is attached to others goes no farther than this fraction of the diagonal: it
-            would come off them.
+        attached: What is attached to other bodies goes no farther than this fraction of the
+            diagonal, for each contact: it would come off them.
         penetration: How much is looked at.
         untangling: Of bodies that hook into each other.
         worn: What goes round another body is not led off it.
@@ -157,13 +157,16 @@ class _Separation:
             names, counts = contact_counts(self.scene.body_of, found)
             for (first, second), count in zip(names.tolist(), counts.tolist(), strict=True):
                 met.setdefault((first, second), {})[frame] = count
+        cluster = self.mesh.surface.cluster_of_body
         for (first, second), where in sorted(met.items(), key=lambda m: -sum(m[1].values())):
-            cluster = self.mesh.surface.cluster_of_body
             if first != second and cluster[first] == cluster[second]:
                 continue  # what is attached is not led apart
             shares = shares_of_way(self.scene, (self._shape(first), self._shape(second)))
             if shares is None:
                 continue
+            hang = [self.worn.hangs(*own, cluster) for own in ((first, second), (second, first))]
+            if sum(hang) == 1 and shares[hang.index(False)] > 0.0:
+                shares = (float(hang[1]), float(hang[0]))  # what hangs on nothing goes all the way
             run: list[int] = []
             for frame in sorted(where):
                 if run and self.frames[frame] - self.frames[run[-1]] > self.options.apart:
@@ -190,16 +193,17 @@ class _Separation:
         )
         worst = samples.index(int(np.argmax(deepest)))
         known = ((some.length(worst, way), way) for way in some.directions())
+        short = ((length, way) for length, way in known if length <= options.reach * max(deepest))
         pose = some.poses[worst]
-        farthest = min(options.reach * max(deepest), self._hanging(contact, pose))
-        short = ((length, way) for length, way in known if length <= farthest)
         met = self._met(contact, pose)
         for length, way in islice(short, options.tries):
             if self._frees(contact, pose, met, options.beyond * length * way):
                 poses = [self.poses[frame] for frame in contact.frames]
                 every = self._penetration(first, second, poses, inside)
-                self._shift(contact, way, [every.length(index, way) for index in range(count)])
-                return True
+                lengths = [every.length(index, way) for index in range(count)]
+                if options.beyond * max(lengths) <= self._farthest_attached(contact, pose):
+                    self._shift(contact, way, lengths)
+                    return True
         return False
 
     def untangle(self, contact: Contact) -> None:
@@ -212,10 +216,10 @@ class _Separation:
         met = [self._met(contact, pose) for pose in poses]
         worst = int(np.argmax([between for between, _ in met]))
         bodies = [poses[worst][self._shape(b).vertices] for b in (contact.first, contact.second)]
-        farthest = options.farthest * min(diagonal(points) for points in bodies)
+        attached = self._farthest_attached(contact, poses[worst]) / self.options.beyond
+        farthest = min(attached, options.farthest * min(diagonal(points) for points in bodies))
         both = zip((contact.first, contact.second), contact.shares, strict=True)
         fitted = any(share > 0.0 and self.worn.fitted(body) for body, share in both)
-        farthest = min(farthest, self._hanging(contact, poses[worst]))
         if fitted:
             farthest = min(farthest, max(self._close_by(contact, pose) for pose in poses))
         frees = partial(self._frees, contact, poses[worst], met[worst])
@@ -231,11 +235,11 @@ class _Separation:
             farthest = max(length for length in lengths if length is not None)
         self._shift(contact, way, [farthest if own is None else own for own in lengths])
 
-    def _hanging(self, contact: Contact, pose: FloatArray) -> float:
-        """Return how far two bodies may be led apart in a pose (V, 3) for what they hang on."""
-        cluster = self.mesh.surface.cluster_of_body
-        hanging = np.bincount(cluster)[cluster] > 1
-        share = float((hanging[[contact.first, contact.second]] * contact.shares).max())
+    def _farthest_attached(self, contact: Contact, pose: FloatArray) -> float:
+        """Return how far two bodies may be led apart in a pose (V, 3): inf if they are free."""
+        cluster, both = self.mesh.surface.cluster_of_body, (contact.first, contact.second)
+        pairs = zip((both, both[::-1]), contact.shares, strict=True)
+        share = max(share * self.worn.hangs(*own, cluster) for own, share in pairs)
         most = self.options.attached * self.scene.scale.diagonal(pose)
         return most / share if share > 0.0 else np.inf
 
@@ -249,12 +253,8 @@ class _Separation:
         needed = np.zeros(len(self.frames))
         needed[contact.frames] = self.options.beyond * np.array(lengths)
         path = eased_in_time(needed, self.frames, self.options.width)[:, None] * way
-        self.poses = np.stack(
-            [
-                self._moved(pose, contact, shift)
-                for pose, shift in zip(self.poses, path, strict=True)
-            ]
-        )
+        both = zip(self.poses, path, strict=True)
+        self.poses = np.stack([self._moved(pose, contact, shift) for pose, shift in both])
 
     def _moved(self, pose: FloatArray, contact: Contact, shift: FloatArray) -> FloatArray:
         result = pose.copy()
@@ -281,8 +281,8 @@ class _Separation:
     def _met(self, contact: Contact, pose: FloatArray) -> tuple[int, int]:
         """Return the pairs between the bodies of a contact, and all pairs of either, in a pose."""
         surface, both = self.mesh.surface, (contact.first, contact.second)
-        companions = self.worn.companions
-        active = np.isin(surface.body_of, companions(*both) + companions(*both[::-1]))
+        along = self.worn.companions(*both) + self.worn.companions(*both[::-1])
+        active = np.isin(surface.body_of, along)
         pairs = surface.contacts.pairs(self.mesh.reduced(pose), active=active)
         bodies = np.sort(surface.body_of[pairs], axis=1)
         return int((bodies == both).all(axis=1).sum()), len(bodies)

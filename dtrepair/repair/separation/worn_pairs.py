@@ -107,6 +107,14 @@ class WornPairs:
             return (body,)
         return dress
 
+    def hangs(self, body: int, other: int, cluster: NDArray[np.integer]) -> bool:
+        """Return whether a body, or what goes along when it leaves another, is attached to more.
+
+        cluster: what is attached together (B,), a number for each body.
+        """
+        own = list(self.companions(body, other))
+        return bool(np.isin(np.delete(cluster, own), cluster[own]).any())
+
     def _dress(self, body: int) -> tuple[int, ...]:
         """Return the bodies, this one among them, that wear each other."""
         if body not in self._dresses:

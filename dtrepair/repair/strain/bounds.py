@@ -22,8 +22,9 @@ class StrainOptions:
         point: Edges shorter than this before and after are points: rounding changes their length.
         drift: An attached vertex may move so far off its place on the other part: an eye or a cuff
             seen from near comes off.
-        larger: What sits on a part of so many times its area may go back to where it was modelled
-            by any way: a pouch that sank into a vest is led out.
+        larger: What sits on a part of so many times its area, and was led off by more than `joint`,
+            may go back to where it was modelled by any way: a pouch that sank into a vest is led
+            out.
         loose: So far, where something would be left else, what the input itself has led off its
             place, as hair that a turned head leads off a shoulder: it rests there no more.
         slide: 95 % of all attached vertices move less: what slides more looks loose all over.

@@ -148,9 +148,9 @@ class StrainMeter:
     ) -> tuple[FloatArray, FloatArray]:
         """Return how far (N,), diagonals, each tied vertex came off; of no ties none.
 
-        What goes back to where it was modelled has not: the first of what the input led off it by
-        more than `joint` and moves by `drift` at most, or is small, as a pouch that sank into its
-        vest; the second, for the looser bounds, of all.
+        What goes back to where it was modelled has not. In the first that holds of ties that the
+        input led off by more than `joint`, and that move by `drift` at most or are of small parts,
+        as a pouch that sank into its vest; in the second, for the looser bounds, of all.
         """
         if self.parts.ties is None:
             return np.zeros(0), np.zeros(0)

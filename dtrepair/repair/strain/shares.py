@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.temporal import eased_in_time
 from dtrepair.repair.strain.bounds import Excess
@@ -17,6 +18,8 @@ from dtrepair.repair.strain.meter import StrainMeter
 
 # Motions up to this, units of the diagonal, are none.
 ROUNDING = 1e-9
+# Not measured in lengths or volumes, so that a share does not lower them by as much.
+COUNTED = (StrainKind.EDGES, StrainKind.FLIPS, StrainKind.WORN)
 # Makes the pose (V, 3) of a share (V,) of the correction.
 Blend = Callable[[FloatArray], FloatArray]
 
@@ -26,7 +29,9 @@ class ShareOptions:
     """How much of a correction is given up, and where.
 
     Args:
-        step: A region gives up this share of its correction at a time.
+        step: A region gives up this share of its correction at a time at most, ...
+        more, least: ... or so many times the part of what is measured that is beyond its bound, but
+            so much at least: a hair's breadth does not cost a quarter.
         rings: A region is what is strained and so many rings of edges and ties around it.
         widths: The share comes back to 1 over so many times the longest motion of the region: over
             a shorter way it would be strained there. Tried in turn, ...
@@ -43,6 +48,8 @@ class ShareOptions:
     """
 
     step: float = 0.25
+    more: float = 1.5
+    least: float = 0.02
     rings: int = 2
     widths: tuple[float, ...] = (3.0, 8.0)
     steep: tuple[float, ...] = (1.0, 0.3)
@@ -124,13 +131,23 @@ class ShareSearch:
                 return share
             hit = _vertices(found, len(core))
             core |= self.meter.parts.grown(hit, self.options.rings)
-            region = self._regions(core)
+            region, given = self._regions(core), np.zeros(len(core))
             lowest = np.full(len(core), np.inf)
             np.minimum.at(lowest, region[core], level[core])
-            struck = np.unique(region[hit])
-            lowest[struck] = 0.0 if at_once else np.maximum(lowest[struck] - self.options.step, 0.0)
-            level[core] = lowest[region[core]]
+            for own in found:
+                struck = np.unique(region[own.vertices])
+                step = 1.0 if at_once else self._step(own)
+                given[struck] = np.maximum(given[struck], step)
+            level[core] = np.maximum(lowest - given, 0.0)[region[core]]
         return None
+
+    def _step(self, excess: Excess) -> float:
+        """Return which share is given up for what is beyond its bound: about as much as it is."""
+        options = self.options
+        if excess.kind in COUNTED:
+            return options.step
+        beyond = 1.0 - excess.bound / excess.value
+        return float(np.clip(options.more * beyond, options.least, options.step))
 
     def _beyond(self, share: FloatArray) -> list[Excess]:
         """Return what is beyond its bound with a share (V,)."""

@@ -17,7 +17,7 @@ from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMeshes
 from dtrepair.repair.separation.penetration import BodyShape, Penetration, find_inside
-from dtrepair.repair.separation.separation import separated_frames
+from dtrepair.repair.separation.separation import SeparationOptions, separated_frames
 from tests.exact_reference import exact_pairs
 from tests.meshes import Mesh, icosphere, joined, torus
 
@@ -71,22 +71,61 @@ def test_a_rod_right_through_a_ball_is_moved_not_stretched(
         assert moved[0] < moved[1]  # the smaller one moves farther
 
 
-@pytest.mark.parametrize("attached", [True, False])
-def test_what_is_attached_to_another_is_not_led_off_it(attached: bool) -> None:
-    """A rod with a knob at its end: the rod would come off it, as a coat off who wears it."""
-    knob = 0.2 * BALL + np.array([0.0, 0.0, 1.5])
+KNOB = 0.2 * BALL + np.array([0.0, 0.0, 1.5])
+
+
+def with_knob(attached: bool, *, mobility: float = 0.0, scale: float = 1.0) -> Scene:
+    """A ball, and a rod with a knob at its end, which would come off as a coat off who wears it."""
     away = np.array([0.0, 0.0, 9.0])
-    rest = [BALL, ROD + away, knob + away]
+    rest = [scale * own for own in (BALL, ROD + away, KNOB + away)]
     meshes = list(zip(rest, (BALL_FACES, ROD_FACES, BALL_FACES), strict=True))
     points, faces = joined(*meshes)
     shown = Reference(points, Detector(points, faces)(points))
-    bodies = [Body(*meshes[0], mobility=0.0), *(Body(*mesh) for mesh in meshes[1:])]
-    scene = make_scene(bodies, RepairOptions(), references=[shown] if attached else [])
-    shift = RIGHT_THROUGH[0] - ROD[0]
-    (found,) = separated(scene, [BALL, RIGHT_THROUGH, knob + shift])
-    moved = np.linalg.norm(found - np.concatenate([BALL, RIGHT_THROUGH, knob + shift]), axis=1)
-    rod = moved[len(BALL) :][: len(ROD)].max()
-    assert rod == 0.0 if attached else rod > 0.6
+    bodies = [Body(*meshes[0], mobility=mobility), *(Body(*mesh) for mesh in meshes[1:])]
+    return make_scene(bodies, RepairOptions(), references=[shown] if attached else [])
+
+
+def put_through(*shifts: float, scale: float = 1.0) -> list[list[FloatArray]]:
+    """Poses of these with the rod in the ball, off its middle by some lengths."""
+    ways = [np.array([shift, 0.1, 0.05]) for shift in shifts]
+    return [[scale * own for own in (BALL, ROD + way, KNOB + way)] for way in ways]
+
+
+def moved(scene: Scene, poses: list[list[FloatArray]], **how: Any) -> list[tuple[float, float]]:
+    """How far ball and rod are led in each pose, diagonals."""
+    both = zip(separated(scene, *poses, **how), poses, strict=True)
+    far = [np.linalg.norm(found - np.concatenate(pose), axis=1) for found, pose in both]
+    size = [scene.scale.diagonal(np.concatenate(pose)) for pose in poses]
+    rod = slice(len(BALL), len(BALL) + len(ROD))
+    return [
+        (own[: len(BALL)].max() / d, own[rod].max() / d) for own, d in zip(far, size, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("tangled", [frozenset(), frozenset({(0, 1)})])
+@pytest.mark.parametrize("scale", [1.0, 100.0])
+def test_what_is_attached_to_another_is_not_led_off_it(
+    scale: float, tangled: frozenset[tuple[int, int]]
+) -> None:
+    poses = put_through(0.35, scale=scale)
+    ((_, free),) = moved(with_knob(False, scale=scale), poses, tangled=tangled)
+    ((_, held),) = moved(with_knob(True, scale=scale), poses, tangled=tangled)
+    assert free > 0.15 and held <= SeparationOptions.attached
+
+
+def test_what_is_attached_goes_a_little_in_all_frames_or_not_at_all() -> None:
+    poses, scene = put_through(0.5, 0.35), with_knob(True)
+    far = [rod for _, rod in moved(with_knob(False), poses)]
+    assert min(far) > 0.1
+    for factor in (0.99, 1.01):
+        most = factor * max(far)
+        found = [rod for _, rod in moved(scene, poses, options=SeparationOptions(attached=most))]
+        assert max(found) <= most and (found == pytest.approx(far)) == (factor > 1.0)
+
+
+def test_what_hangs_on_nothing_goes_all_the_way() -> None:
+    ((ball, rod),) = moved(with_knob(True, mobility=1.0), put_through(0.35))
+    assert ball > 0.15 and rod == 0.0
 
 
 def test_the_shift_of_a_clip_is_steady_and_leaves_far_frames_alone() -> None:

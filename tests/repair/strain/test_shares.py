@@ -57,6 +57,21 @@ def test_shares_keep_the_bounds_and_what_is_fine_keeps_all() -> None:
     assert 0.0 < share.min() < 1.0 and share[np.abs(Z - 3.0) < 0.4].max() < 1.0
 
 
+@pytest.mark.parametrize(("beyond", "lost"), [(1.005, 0.021), (1.1, 0.14), (3.0, 0.25)])
+def test_what_is_hardly_beyond_its_bound_gives_up_hardly_anything(
+    beyond: float, lost: float
+) -> None:
+    """A ball that swells by a little more than a fifth, and by more."""
+    points, faces = icosphere(3)
+    meter = StrainMeter(ConnectedParts(faces, np.zeros(len(points), dtype=np.int32)))
+    after = points * (1.0 + meter.options.volume * beyond) ** (1.0 / 3.0)
+    assert meter(points, after)
+    found = ShareSearch(meter, points, after, blend(points, after))
+    share = next(found.shares())
+    assert meter(points, blend(points, after)(share)) == []
+    assert 1.0 - share.min() <= lost if beyond < 2.0 else 1.0 - share.min() > 0.5
+
+
 def test_a_share_is_smooth_over_the_surface() -> None:
     share = next(search(spoilt(side=0.3)).shares())
     steps = np.abs(share[PARTS.edges[:, 0]] - share[PARTS.edges[:, 1]])

@@ -164,7 +164,7 @@ class _Separation:
             shares = shares_of_way(self.scene, (self._shape(first), self._shape(second)))
             if shares is None:
                 continue
-            hang = [self.worn.hangs(*own, cluster) for own in ((first, second), (second, first))]
+            hang = (np.bincount(cluster)[cluster[[first, second]]] > 1).tolist()
             if sum(hang) == 1 and shares[hang.index(False)] > 0.0:
                 shares = (float(hang[1]), float(hang[0]))  # what hangs on nothing goes all the way
             run: list[int] = []
@@ -185,23 +185,24 @@ class _Separation:
         options, count = self.options, len(contact.frames)
         chosen = {*np.linspace(0, count - 1, options.samples).astype(int), int(np.argmax(deepest))}
         samples = sorted(int(index) for index in chosen)
-        some = self._penetration(
-            first,
-            second,
+        penetration = partial(Penetration, first, second, options=options.penetration)
+        some = penetration(
             [self.poses[contact.frames[index]] for index in samples],
             [inside[index] for index in samples],
         )
         worst = samples.index(int(np.argmax(deepest)))
         known = ((some.length(worst, way), way) for way in some.directions())
-        short = ((length, way) for length, way in known if length <= options.reach * max(deepest))
         pose = some.poses[worst]
+        attached = self._farthest_attached(contact, pose) / options.beyond
+        farthest = min(options.reach * max(deepest), attached)
+        short = ((length, way) for length, way in known if length <= farthest)
         met = self._met(contact, pose)
         for length, way in islice(short, options.tries):
             if self._frees(contact, pose, met, options.beyond * length * way):
                 poses = [self.poses[frame] for frame in contact.frames]
-                every = self._penetration(first, second, poses, inside)
+                every = penetration(poses, inside)
                 lengths = [every.length(index, way) for index in range(count)]
-                if options.beyond * max(lengths) <= self._farthest_attached(contact, pose):
+                if max(lengths) <= attached:
                     self._shift(contact, way, lengths)
                     return True
         return False
@@ -294,15 +295,6 @@ class _Separation:
             find_inside(pose, first, second, options=options),
             find_inside(pose, second, first, options=options),
         )
-
-    def _penetration(
-        self,
-        first: BodyShape,
-        second: BodyShape,
-        poses: list[FloatArray],
-        inside: list[tuple[Inside, Inside]],
-    ) -> Penetration:
-        return Penetration(first, second, poses, inside, options=self.options.penetration)
 
     def _penetrates(self, contact: Contact, mine: Inside, theirs: Inside) -> bool:
         """Return whether one body is deep in the other, and neither covers the other."""

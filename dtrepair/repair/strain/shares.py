@@ -31,7 +31,8 @@ class ShareOptions:
     Args:
         step: A region gives up this share of its correction at a time at most, ...
         more, least: ... or so many times the part of what is measured that is beyond its bound, but
-            so much at least: a hair's breadth does not cost a quarter.
+            so much at least: a hair's breadth does not cost a quarter. Where these small steps
+            do not end within the rounds, whole ones are taken.
         rings: A region is what is strained and so many rings of edges and ties around it.
         widths: The share comes back to 1 over so many times the longest motion of the region: over
             a shorter way it would be strained there. Tried in turn, ...
@@ -122,6 +123,13 @@ class ShareSearch:
 
         width: of the way back to 1, in longest motions; None where no share keeps the bounds.
         """
+        if at_once:
+            return self._lowered(width, lambda _: 1.0)
+        fine = self._lowered(width, self._step)
+        return self._lowered(width, lambda _: self.options.step) if fine is None else fine
+
+    def _lowered(self, width: float, step: Callable[[Excess], float]) -> FloatArray | None:
+        """Return the same by steps that what is beyond its bound asks for."""
         level = np.ones(len(self.before))
         core = np.zeros(len(self.before), dtype=bool)
         for _ in range(self.options.rounds):
@@ -136,8 +144,7 @@ class ShareSearch:
             np.minimum.at(lowest, region[core], level[core])
             for own in found:
                 struck = np.unique(region[own.vertices])
-                step = 1.0 if at_once else self._step(own)
-                given[struck] = np.maximum(given[struck], step)
+                given[struck] = np.maximum(given[struck], step(own))
             level[core] = np.maximum(lowest - given, 0.0)[region[core]]
         return None
 

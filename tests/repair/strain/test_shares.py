@@ -70,6 +70,10 @@ def test_what_is_hardly_beyond_its_bound_gives_up_hardly_anything(
     share = next(found.shares())
     assert meter(points, blend(points, after)(share)) == []
     assert 1.0 - share.min() <= lost if beyond < 2.0 else 1.0 - share.min() > 0.5
+    # Steps that are too small to end are followed by whole ones.
+    small = ShareOptions(more=0.0, least=1e-4)
+    whole = ShareSearch(meter, points, after, blend(points, after), options=small)
+    assert next(whole.shares()).min() == pytest.approx(0.75 if beyond < 2.0 else 0.25)
 
 
 def test_a_share_is_smooth_over_the_surface() -> None:

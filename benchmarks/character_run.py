@@ -95,8 +95,10 @@ def repair(stage: Path, folder: Path, options: list[str], limit: float) -> Run:
 
 
 def earlier(stage: Path, folder: Path) -> Run:
-    """The run that wrote what lies in the folder. Raises FileNotFoundError where none did."""
+    """The run that wrote what lies in the folder. Raises SystemExit where none did."""
     _, report, note = files(stage, folder)
+    if not note.exists():
+        raise SystemExit(f"{note}: no run wrote it; leave out --no-repair to repair the stage")
     content = json.loads(report.read_text()) if report.exists() else {}
     return Run(**json.loads(note.read_text()), report=content)
 

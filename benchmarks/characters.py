@@ -85,7 +85,10 @@ class Order:
 
 def main(arguments: list[str] | None = None) -> int:
     """Print both tables; 1 if a bar is missed."""
-    given = _parser().parse_args(arguments)
+    parser = _parser()
+    given = parser.parse_args(arguments)
+    if given.no_repair and given.out is None:
+        parser.error("--no-repair measures what an earlier run wrote: give its folder as --out")
     out = given.out or Path(tempfile.mkdtemp(prefix="characters-"))
     order = Order(out, given.frames, given.jobs, given.timeout, not given.no_repair, given.pictures)
     found: dict[str, dict[str, Figures]] = {"characters": {}, "worn": {}}

@@ -58,11 +58,11 @@ def apply_in_time(kernel: Floats, field: Floats) -> Any:
 
 def runs_of(chosen: NDArray[np.bool_], *, apart: int = 1) -> list[slice]:
     """Return the runs of frames that are chosen (T,); fewer others than `apart` divide none."""
-    ends = np.flatnonzero(np.diff(chosen, prepend=False, append=False))
-    between = np.diff(ends)[1::2]
-    inner = np.repeat(between < apart, 2)
-    kept = ends[np.concatenate([[True], ~inner, [True]])[: len(ends)]].reshape(-1, 2)
-    return [slice(start, end) for start, end in kept.tolist()]
+    starts, stops = np.flatnonzero(np.diff(chosen, prepend=False, append=False)).reshape(-1, 2).T
+    first = np.ones(len(starts), dtype=bool)
+    first[1:] = starts[1:] - stops[:-1] >= apart
+    both = zip(starts[first].tolist(), stops[np.roll(first, -1)].tolist(), strict=True)
+    return [slice(start, stop) for start, stop in both]
 
 
 def eased_in_time(needed: FloatArray, frames: FloatArray, width: float) -> FloatArray:

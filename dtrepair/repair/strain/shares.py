@@ -18,8 +18,8 @@ from dtrepair.repair.strain.meter import StrainMeter
 
 # Motions up to this, units of the diagonal, are none.
 ROUNDING = 1e-9
-# Not measured in lengths or volumes, so that a share does not lower them by as much.
-COUNTED = (StrainKind.EDGES, StrainKind.FLIPS, StrainKind.WORN)
+# What comes and goes at once: a share of the correction does not have about that share of it.
+ABRUPT = (StrainKind.EDGES, StrainKind.FLIPS, StrainKind.WORN)
 # Makes the pose (V, 3) of a share (V,) of the correction.
 Blend = Callable[[FloatArray], FloatArray]
 
@@ -151,7 +151,7 @@ class ShareSearch:
     def _step(self, excess: Excess) -> float:
         """Return which share is given up for what is beyond its bound: about as much as it is."""
         options = self.options
-        if excess.kind in COUNTED:
+        if excess.kind in ABRUPT:
             return options.step
         beyond = 1.0 - excess.bound / excess.value
         return float(np.clip(options.more * beyond, options.least, options.step))

@@ -89,6 +89,11 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     if given.no_repair and given.out is None:
         parser.error("--no-repair measures what an earlier run wrote: give its folder as --out")
+    names = {path.stem for kind in ("characters", "worn") for path in _stages(given.data, kind)}
+    missing = sorted(set(given.only or ()) - names)
+    if missing or not names:
+        known = ", ".join(sorted(names)) or "none"
+        parser.error(f"no stage {', '.join(missing)} in {given.data}; there are: {known}")
     out = given.out or Path(tempfile.mkdtemp(prefix="characters-"))
     order = Order(out, given.frames, given.jobs, given.timeout, not given.no_repair, given.pictures)
     found: dict[str, dict[str, Figures]] = {"characters": {}, "worn": {}}
@@ -99,8 +104,8 @@ def main(arguments: list[str] | None = None) -> int:
     ):
         stages = [
             path
-            for path in sorted((given.data / kind).glob("*"))
-            if path.suffix in SUFFIXES and (given.only is None or path.stem in given.only)
+            for path in _stages(given.data, kind)
+            if given.only is None or path.stem in given.only
         ]
         if stages:
             print(heading(columns, bars), flush=True)
@@ -119,6 +124,11 @@ def main(arguments: list[str] | None = None) -> int:
     return 0 if kept else 1
 
 
+def _stages(data: Path, kind: str) -> list[Path]:
+    """The stages of a kind, `characters` or `worn`, in the folder of data, by name."""
+    return [path for path in sorted((data / kind).glob("*")) if path.suffix in SUFFIXES]
+
+
 def measure(path: Path, kind: str, order: Order) -> Figures:
     """Repair one stage, or take what is there, and measure it."""
     character = read_character(path)
@@ -132,6 +142,10 @@ def measure(path: Path, kind: str, order: Order) -> Figures:
     if limit is None:
         limit = max(LIMIT, seconds_bar(result) * len(frames))
     run = repair(path, order.out, options, limit) if order.again else earlier(path, order.out)
+    if not order.again and run.statuses and set(run.statuses) != set(result["times"]):
+        raise SystemExit(
+            f"{path.stem}: the run in {order.out} was of other frames; give its --frames"
+        )
     layer = files(path, order.out)[0]
     if not layer.exists():
         return {**result, **_nothing(run, len(frames))}

@@ -65,7 +65,7 @@ from benchmarks.character_table import (
     worn_row,
 )
 from tests.measures.surfaces import Ints
-from usd_io import parse_frames
+from usd_io import FrameSpecError, parse_frames
 
 LIMIT = 150.0  # processor seconds
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
@@ -169,6 +169,20 @@ def _frames(known: Input, spec: str | None) -> tuple[Ints, list[str]]:
     return np.flatnonzero(parse_frames(spec).select(times)), ["--frames", spec]
 
 
+def _spec(text: str) -> str:
+    """A specification of frames, if it is one."""
+    if text.startswith("worst:"):
+        number = text.removeprefix("worst:")
+        if not number.isdecimal() or int(number) == 0:
+            raise argparse.ArgumentTypeError(f"worst:N takes a whole number from 1, got {number!r}")
+        return text
+    try:
+        parse_frames(text)
+    except FrameSpecError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return text
+
+
 def _nothing(run: Run, frames: int) -> Figures:
     """Figures of a run that wrote nothing."""
     told = f"nothing written, exit {run.code}"
@@ -182,7 +196,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, required=True, help="folder of shared data")
     parser.add_argument("--only", nargs="+", help="names of stages, without their endings")
-    parser.add_argument("--frames", help="frames of every stage, or worst:N")
+    parser.add_argument("--frames", type=_spec, help="frames of every stage, or worst:N")
     parser.add_argument("--jobs", type=int, help="passed on to the tool")
     parser.add_argument("--out", type=Path, help="folder of the layers and reports")
     parser.add_argument("--no-repair", action="store_true", help="measure what is in --out")

@@ -63,6 +63,7 @@ class Advice(StrEnum):
     TAKE_FULL_METHOD = "take full method"
     TAKE_AT_ANY_COST = "take at any cost"
     RAISE_EFFORT = "raise effort"
+    EASE_POSE = "ease pose"
     RAISE_DIFFUSION = "raise diffusion"
     FREE_PINS = "free pins"
     GIVE_CLEAN_REST = "give clean rest"
@@ -77,6 +78,7 @@ REMEDIES: Mapping[Advice, str] = {
     Advice.TAKE_FULL_METHOD: "take the method full",
     Advice.TAKE_AT_ANY_COST: "take what is strained with at_any_cost",
     Advice.RAISE_EFFORT: "raise the effort",
+    Advice.EASE_POSE: "ease the pose where it is deepest",
     Advice.RAISE_DIFFUSION: "raise the diffusion",
     Advice.FREE_PINS: "free pinned vertices",
     Advice.GIVE_CLEAN_REST: "give a rest pose that does not intersect itself",

@@ -19,6 +19,7 @@ from dtrepair.diagnosis import (
 )
 from dtrepair.numerics.geometry import FloatArray, IntArray, lengths, vector_areas
 from dtrepair.numerics.metrics import edge_log_ratio, volume
+from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.strain.bounds import Excess
 
@@ -76,8 +77,11 @@ def advice_for(scene: Scene, pairs: IntArray) -> tuple[Advice, ...]:
     if not (rigid | still).all():
         if scene.options.maximum_displacement is not None:
             advice.append(Advice.RAISE_MAXIMUM_DISPLACEMENT)
-        paper = scene.options.method == "paper"
-        advice.append(Advice.TAKE_FULL_METHOD if paper else Advice.RAISE_EFFORT)
+        if scene.options.method == "paper":
+            advice.append(Advice.TAKE_FULL_METHOD)
+        else:  # What more work left is deep.
+            raised = scene.options.effort > RepairOptions.effort
+            advice.append(Advice.EASE_POSE if raised else Advice.RAISE_EFFORT)
         # Of parts that hold each other a wider push leaves more as often as less.
         if scene.attachments is None:
             advice.append(Advice.RAISE_DIFFUSION)

@@ -93,7 +93,7 @@ def print_worn(console: Console, report: Report) -> None:
         console.result(f"worn: {record.over} over {record.under}")
     if not report.worn:
         console.result(
-            "nothing thin would be taken as worn; thick things, as rings, are led unnamed"
+            "no open sheet would be taken as worn; what is closed, as rings or coats, is led too"
         )
 
 

@@ -35,7 +35,9 @@ def test_check_lists_the_pairs_of_parts_that_are_modelled(tmp_path: Path) -> Non
     path = arm_stage(tmp_path / "a.usda", np.linspace(0.0, 0.2, FRAMES))
     found = run("check", path, "--modelled")
     header, row, worn, *rest = found.out.splitlines()
-    assert worn == "nothing thin would be taken as worn; thick things, as rings, are led unnamed"
+    assert worn == (
+        "no open sheet would be taken as worn; what is closed, as rings or coats, is led too"
+    )
     assert header.split()[:5] == ["pairs", "most", "in", "a", "frame"]
     assert "bind pose" in row and "/Root/Arm part 1 (" in row and "with /Root/Arm part 2" in row
     report = run("check", path, "--json", "-").json

@@ -150,7 +150,7 @@ def test_the_command_lists_what_would_be_worn(sleeve: Path) -> None:
     assert "nothing is taken as modelled" in lines
     told = run("check", sleeve, "--modelled", "--ignore", "/Hero/Sleeve,/Hero/Arm").out
     assert (
-        "nothing thin would be taken as worn; thick things, as rings, are led unnamed"
+        "no open sheet would be taken as worn; what is closed, as rings or coats, is led too"
         in told.splitlines()
     )
     (record,) = run("check", sleeve, "--modelled", "--json", "-").json["worn"]

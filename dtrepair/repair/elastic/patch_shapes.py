@@ -93,7 +93,8 @@ def _threads(
 
 def _stretches(surface: Surface, points: FloatArray, mask: BoolArray) -> FloatArray:
     """Return how much longer the edges at masked vertices (V,) are in a pose than at rest."""
-    edges = surface.edges[mask[surface.edges].any(axis=1)]
+    first, second = surface.edges.T
+    edges = surface.edges[mask[first] | mask[second]]
     ends, sums = edges.ravel(), []
     for pose in (points, surface.rest):
         length = lengths(pose[edges[:, 0]] - pose[edges[:, 1]])

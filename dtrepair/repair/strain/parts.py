@@ -116,9 +116,9 @@ class ConnectedParts:
 
     def grown(self, mask: BoolArray, rings: int) -> BoolArray:
         """Return a mask (V,) grown by rings of edges and ties."""
-        result = mask.copy()
+        result, (first, second) = mask.copy(), self.links.T
         for _ in range(rings):
-            result[self.links[result[self.links].any(axis=1)]] = True
+            result[self.links[result[first] | result[second]]] = True
         return result
 
     def number_of(self, part: int) -> tuple[int, int]:

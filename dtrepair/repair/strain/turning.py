@@ -71,13 +71,13 @@ def turned_over(
     the edges around the patch best from the pose `before` (V, 3) to `after`; `new` (N, 3): where
     it does. A patch without surroundings is compared with its own rotation.
     """
-    inner = np.zeros(len(before), dtype=bool)
+    inner, (first, second) = np.zeros(len(before), dtype=bool), edges.T
     inner[triangles] = True
     near = inner.copy()
     for _ in range(rings):
-        near[edges[near[edges].any(axis=1)]] = True
-    own = edges[near[edges].all(axis=1)]
-    around = own[~inner[own].all(axis=1)]
+        near[edges[near.take(first) | near.take(second)]] = True
+    own = edges[near.take(first) & near.take(second)]
+    around = own[~(inner[own[:, 0]] & inner[own[:, 1]])]
     rotation = best_rotation(before, after, around if len(around) else own)
     return np.asarray(dots(old @ rotation.T, new) < 0.0)
 

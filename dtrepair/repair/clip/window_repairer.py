@@ -34,7 +34,7 @@ from dtrepair.repair.scene.holding import is_tied
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.separation.groups import faulty_bodies, groups_meet, groups_of_bodies
-from dtrepair.repair.separation.starts import Starts
+from dtrepair.repair.separation.starts import Solved, Starts
 from dtrepair.repair.single_poses import solved_pose
 
 Progress = Callable[[float], None]
@@ -173,27 +173,26 @@ class WindowRepairer:
         """
         scene, ways, dressed = meshes.scene, self.options.inside_out, None
         starts = [frame.begun or frame for frame in frames]
-        own, opened = inside_out(meshes, starts, self._solve, self._spread, options=ways)
+        own, opened = inside_out(meshes, starts, self._poses, self._spread, options=ways)
         parts = own.scene, own([frame.sewn for frame in frames]), opened
         tied = None if is_tied(scene) else meshes.dressed
-        poses = self._solved(*parts, unless_stuck=tied is not None)
-        if tied is not None and (poses is None or frames_off(scene, frames, poses)):
+        solved = self._solved(*parts, unless_stuck=tied is not None)
+        if tied is not None and (solved is None or frames_off(scene, frames, solved.poses)):
             dressed = self._judged(tied, frames)
             if not any(left_over(scene, frames, dressed)):
                 return dressed
-        judged = self._bounded(meshes, frames, poses or self._solve(*parts))
+        judged = self._bounded(meshes, frames, solved or self._solve(*parts))
         if dressed is None or left_over(scene, frames, judged) <= left_over(scene, frames, dressed):
             return judged
         return dressed
 
-    def _bounded(
-        self, meshes: WeldedMeshes, frames: list[Frame], poses: list[FloatArray]
-    ) -> list[Judged]:
+    def _bounded(self, meshes: WeldedMeshes, frames: list[Frame], solved: Solved) -> list[Judged]:
         """Return solved poses (V, 3) of a window, with less strain if possible, within bounds."""
         scene, numbers = meshes.scene, self.options.independent
         mesh = meshes([frame.sewn for frame in frames])
         solving, rest = self.options.solving, 1.0 - self.options.solving
         self._tell(solving, len(frames))
+        poses, leads = solved
         poses = relieved_poses(scene, mesh, frames, poses, jobs=self.jobs, options=numbers.relief)
         self._tell(solving + rest / 3, len(frames))
         alone = partial(solved_pose, scene, meshes, options=numbers)
@@ -202,6 +201,7 @@ class WindowRepairer:
             mesh,
             frames,
             poses,
+            leads=leads,
             # Frames of attached parts were solved alone already.
             alone=alone if mesh.surface.ties is None else None,
             jobs=self.jobs,
@@ -219,18 +219,21 @@ class WindowRepairer:
         if self.progress is not None:
             self.progress(self._told)
 
-    def _solve(self, scene: Scene, mesh: WeldedMesh, frames: list[Frame]) -> list[FloatArray]:
+    def _poses(self, scene: Scene, mesh: WeldedMesh, frames: list[Frame]) -> list[FloatArray]:
         """Return repaired poses (V, 3) of a window."""
+        return self._solve(scene, mesh, frames).poses
+
+    def _solve(self, scene: Scene, mesh: WeldedMesh, frames: list[Frame]) -> Solved:
+        """Return what is found for a window."""
         found = self._solved(scene, mesh, frames, unless_stuck=False)
         assert found is not None
         return found
 
     def _solved(
         self, scene: Scene, mesh: WeldedMesh, frames: list[Frame], *, unless_stuck: bool
-    ) -> list[FloatArray] | None:
-        """Return repaired poses (V, 3) of a window; None where pushing is stuck and may end so."""
-        options = self.options.independent
-        times = _times(frames)
+    ) -> Solved | None:
+        """Return what is found for a window; None where pushing is stuck and may end so."""
+        options, times = self.options.independent, _times(frames)
         starts = Starts(
             scene,
             mesh,
@@ -257,19 +260,20 @@ class WindowRepairer:
             otherwise.extend([] if poses is None else [poses])
             return stuck or poses is not None
 
-        found = self._solve_from(
-            first, starts.led, times, starts.unlifted(starts.led), unless=unless
-        )
+        led = starts.unlifted(starts.led)
+        found = self._solve_from(first, starts.led, times, led, unless=unless)
         if found is None and not stuck:
-            found = self._solve_from(mesh, otherwise[0], times, starts.unlifted(otherwise[0]))
-        return found
+            led = starts.unlifted(otherwise[0])
+            found = self._solve_from(mesh, otherwise[0], times, led)
+        return None if found is None else Solved(found, led - starts.inputs)
 
-    def _solve_tied(self, mesh: WeldedMesh, starts: Starts) -> list[FloatArray]:
-        """Return repaired poses (V, 3) of attached parts, those that stay dirty solved again.
+    def _solve_tied(self, mesh: WeldedMesh, starts: Starts) -> Solved:
+        """Return what is found for attached parts, frames that stay dirty solved again.
 
         Each frame is solved for itself, so that the others need not be solved along.
         """
-        found = self._solve_from(mesh, starts.led, starts.times, starts.unlifted(starts.led))
+        led = starts.unlifted(starts.led)
+        found = self._solve_from(mesh, starts.led, starts.times, led)
         assert found is not None
         left = self._left_of(mesh, found)
         numbers = list(map(len, left))
@@ -277,7 +281,7 @@ class WindowRepairer:
         runs = self.options.ways.again(dirty, numbers, len(mesh.surface.faces))
         otherwise = starts.otherwise(left) if runs else None
         if otherwise is None:
-            return found
+            return Solved(found, led - starts.inputs)
         unlifted = starts.unlifted(otherwise)
         for run in runs:
             own = starts.times[run], unlifted[run]
@@ -286,8 +290,8 @@ class WindowRepairer:
             both = zip(again, self._left_of(mesh, again), strict=True)
             for index, (pose, other) in enumerate(both, start=run.start):
                 if len(other) < len(left[index]):
-                    found[index] = pose
-        return found
+                    found[index], led[index] = pose, unlifted[index]
+        return Solved(found, led - starts.inputs)
 
     def _left_of(self, mesh: WeldedMesh, poses: list[FloatArray]) -> list[IntArray]:
         """Return the pairs that solving left of poses (V, 3)."""

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple
 
+import numpy as np
+
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.numerics.metrics import distortion
 from dtrepair.numerics.temporal import standing_out, steps_between
@@ -112,8 +114,8 @@ class _Borrowers:
 
     Args:
         mesh: The mesh that was solved.
-        loans: For each the input of the lender, what was found for it, and the input of the frame,
-            poses (V, 3).
+        loans: For each where the lender was led, what was found for it, and where the frame was
+            led, poses (V, 3).
         effort: Factor of the work after which a frame is left as it is.
         options: What cleans a frame.
     """
@@ -155,9 +157,14 @@ class Borrowing:
         poses: list[FloatArray],
         jobs: int | None,
         options: BorrowingOptions,
+        *,
+        leads: FloatArray | None = None,
     ) -> None:
         self.scene, self.mesh, self.frames, self.result = scene, mesh, frames, list(poses)
         self.jobs, self.options = jobs, options
+        self._led = np.stack([frame.centred for frame in frames])
+        if leads is not None:
+            self._led += leads
         self.merits = [self.merit(*both) for both in zip(frames, poses, strict=True)]
         self.few = [options.left_share * frame.wrong for frame in frames]
         self._paid: dict[Loan, _Paid] = {}
@@ -187,8 +194,7 @@ class Borrowing:
     def _unrelieved(self, loans: Sequence[Loan]) -> list[FloatArray]:
         """Return the poses (V, 3) that loans lead to, before they are relaxed."""
         of_loans = [
-            (self.frames[lender].centred, self.result[lender], self.frames[index].centred)
-            for index, lender in loans
+            (self._led[lender], self.result[lender], self._led[index]) for index, lender in loans
         ]
         effort = self.scene.options.effort
         return _solved(_Borrowers(self.mesh, of_loans, effort, self.options.lending), self.jobs)

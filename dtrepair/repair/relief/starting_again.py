@@ -26,6 +26,7 @@ def started_again(
     frames: Sequence[OpenedPose],
     poses: list[FloatArray],
     *,
+    leads: FloatArray | None = None,
     alone: Callable[[OpenedPose], FloatArray] | None = None,
     jobs: int | None = 1,
     options: BorrowingOptions = BorrowingOptions(),
@@ -37,6 +38,8 @@ def started_again(
     Args:
         scene, mesh: What was solved.
         frames, poses: The input, and what was found for it.
+        leads: How far each frame was led before it was solved (T, V, 3): one that borrows is led as
+            far, or it would jump beside the others; None: none was.
         alone: Solves a pose by itself, where it still is strained or has pairs.
         jobs: Workers; None: one a processor.
         options: The numbers.
@@ -44,7 +47,7 @@ def started_again(
     Raises:
         WorkerLost: a worker ended.
     """
-    state = Borrowing(scene, mesh, frames, poses, jobs, options)
+    state = Borrowing(scene, mesh, frames, poses, jobs, options, leads=leads)
     rough, most, tied = options.rough, 2 * len(frames), mesh.surface.ties is not None
     if tied:
         rough = options.rough_attached

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,6 +17,16 @@ from dtrepair.repair.separation.release import ReleaseOptions, released_frames
 from dtrepair.repair.separation.separation import SeparationOptions, separated_frames
 from dtrepair.repair.separation.sunken import SunkenOptions, raised_frames
 from dtrepair.repair.separation.untangling import contact_counts, tangled_contacts
+
+
+class Solved(NamedTuple):
+    """What was found for frames: poses (V, 3), and how far (T, V, 3) they were led before.
+
+    That is what led enclosed parts out and bodies apart, not the lifts of layers.
+    """
+
+    poses: list[FloatArray]
+    leads: FloatArray
 
 
 class Starts:
@@ -45,7 +56,7 @@ class Starts:
     ) -> None:
         self.scene, self.mesh, self.times, self.separation = scene, mesh, times, separation
         self.pairs = [frame.pairs for frame in frames]
-        starts = np.stack([frame.centred for frame in frames])
+        self.inputs = starts = np.stack([frame.centred for frame in frames])
         if any(len(frame.enclosed) for frame in frames):
             enclosed = [not_worn(scene, frame.enclosed) for frame in frames]
             starts = released_frames(scene, starts, enclosed, times, options=release)

@@ -26,6 +26,7 @@ from dtrepair.repair.full.push import PushOptions
 from dtrepair.repair.parallel.worker_pool import WorkerPool
 from dtrepair.repair.scene.bounds import Judged
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
+from dtrepair.repair.separation.starts import Starts
 from dtrepair.repair.surface.surface import Surface
 from tests.meshes import icosphere, joined, tube
 from tests.pipeline.hosts import Listener
@@ -140,12 +141,14 @@ def test_frames_that_stay_dirty_are_not_solved_alone_again(
         asked.append(alone is not None)
         return given[3], given[4]
 
-    def not_again(*given: Any, alone: object, **_: object) -> list[FloatArray]:
+    def not_again(*given: Any, leads: FloatArray, alone: object, **_: object) -> list[FloatArray]:
         as_poses.append(alone is not None)
+        assert leads == pytest.approx(0.5)
         return list(given[3])
 
     monkeypatch.setattr(window_stream, "mended", not_mended)
     monkeypatch.setattr(window_repairer, "started_again", not_again)
+    monkeypatch.setattr(Starts, "unlifted", lambda starts, _: starts.inputs + 0.5)
     (trunk, faces), ball = tube(12, 20, 0.2, 2.0), icosphere(2, 0.15)
     lower = 1.1 * trunk * (1.0, 1.0, 1.0 / 1.1) + (0.04, 0.01, 1.7)
     bodies = [Body(trunk, faces), Body(lower, faces), Body(*ball)]

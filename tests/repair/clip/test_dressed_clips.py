@@ -25,7 +25,7 @@ from dtrepair.repair.scene.make_scene import make_scene
 from dtrepair.repair.scene.opened_pose import detected, gathered
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
-from dtrepair.repair.separation.starts import Starts
+from dtrepair.repair.separation.starts import Solved, Starts
 from dtrepair.repair.solution_cache import remembering
 from tests.exact_reference import exact_pairs
 from tests.meshes import armed_body, joined, tube
@@ -151,7 +151,7 @@ def test_what_leaves_less_is_taken_where_pushing_is_stuck_or_something_came_off(
     stands_in = {
         "inside_out": lambda own, each, *_, **__: (own, each),
         "relieved_poses": lambda _, __, ___, own, **____: own,
-        "started_again": lambda _, __, ___, own, **____: own,
+        "started_again": lambda _, __, ___, own, *, leads, **____: own if leads.any() else None,
         "agreed": lambda _, __, ___, ____, own, *_____, **______: own,
         "came_off": lambda _, __, own: any(own is each for each in poses["first"]) and comes_off,
         "bounded_frames": bounded,
@@ -161,8 +161,9 @@ def test_what_leaves_less_is_taken_where_pushing_is_stuck_or_something_came_off(
         module = other_ways if name in ("came_off", "wrong_in") else window_repairer
         monkeypatch.setattr(module, name, function)
 
-    def solved(_: Any, own: Scene, *__: Any, unless_stuck: bool) -> list[FloatArray] | None:
-        return None if unless_stuck and why == "stuck" else poses[name_of(own)]
+    def solved(_: Any, own: Scene, *__: Any, unless_stuck: bool) -> Solved | None:
+        stuck = unless_stuck and why == "stuck"
+        return None if stuck else Solved(poses[name_of(own)], np.ones((2, *pose.shape)))
 
     monkeypatch.setattr(WindowRepairer, "_solved", solved)
     repairer = WindowRepairer(meshes, options=ClipOptions(), make_method=lambda _: None, jobs=1)  # type: ignore[arg-type, return-value]

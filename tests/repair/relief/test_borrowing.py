@@ -55,3 +55,16 @@ def test_what_stands_out_no_less_is_not_relaxed(monkeypatch: pytest.MonkeyPatch)
         state.result[0] = whole.copy()
         state.solved([Loan(1, 0)])
         assert made == [1, 0, 1] and asked[2] == 1
+
+
+def test_a_frame_that_borrows_is_led_as_far_as_its_lender() -> None:
+    scene, frame, mesh, whole, bent = bent_wing()
+    lead = np.array([0.3, 0.1, 0.0])
+    poses, moved = [whole + lead, bent + lead], list[float]()
+    leads = np.tile(lead, (2, len(whole), 1))
+    for known in (leads, None):
+        state = Borrowing(scene, mesh, [frame] * 2, poses, 1, BorrowingOptions(), leads=known)
+        (found,) = state.solved([Loan(1, 0)])
+        moved.append(float((found - whole).mean(axis=0) @ lead / (lead @ lead)))
+    assert moved[0] == pytest.approx(1.0, abs=0.05)
+    assert abs(moved[1] - 1.0) > 0.2

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from dtrepair.repair.frame.turned_poses import TurnedOptions
 from dtrepair.repair.full.mend import MendOptions
 from dtrepair.repair.full.method import FullOptions
 from dtrepair.repair.options import RepairOptions
@@ -33,6 +34,7 @@ class IndependentOptions:
 
     Args:
         torn: Which bodies are torn, and led apart otherwise.
+        turned: How poses are solved again of which a patch was turned inside out.
         mend_step, mend: Largest motion, units of the size, and numbers of the mending of a share.
         strain: What a correction may do to a shape.
         relief: How what is strained is relaxed once more.
@@ -53,6 +55,7 @@ class IndependentOptions:
     """
 
     torn: TornOptions = field(default_factory=TornOptions)
+    turned: TurnedOptions = field(default_factory=TurnedOptions)
     mend_step: float = 0.002
     mend: MendOptions = field(default_factory=MendOptions)
     strain: StrainOptions = field(default_factory=StrainOptions)

@@ -10,15 +10,16 @@ from typing import NamedTuple
 import numpy as np
 
 from dtrepair.numerics.geometry import FloatArray, IntArray
+from dtrepair.repair.frame.turned_poses import turned_back
 from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.relief.approach import bounded_approach
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.result import Solved
-from dtrepair.repair.scene.bounds import Judged, bounded_pose
+from dtrepair.repair.scene.bounds import Bounded, Judged, bounded_pose
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
-from dtrepair.repair.scene.welded_mesh import WeldedMeshes
+from dtrepair.repair.scene.welded_mesh import WeldedMesh, WeldedMeshes
 from dtrepair.repair.separation.lifting import lifted_frames, not_worn, parts_that_meet
 from dtrepair.repair.separation.release import released
 from dtrepair.repair.separation.sunken import raised_frames
@@ -131,18 +132,35 @@ def bounded_result(
 
     seconds: what it took so far; approach: see `bounded_poses`.
     """
-    start, pairs_of = time.perf_counter(), partial(result_pairs, scene)
-    moved = final is not pose.centred
-    if moved:
-        mesh = meshes([pose.sewn])
-        (final,) = relieved_poses(scene, mesh, [pose], [final], options=options.relief)
-    pairs = pairs_of(final) if moved else pose.pairs
-    found = bounded_pose(scene, pose, Judged(final), pairs, pairs_of, options=options.share)
-    if moved and approach:
-        numbers = options.approach
-        found = bounded_approach(scene, mesh, pose, found, pairs_of, options=numbers)
+    start, found = time.perf_counter(), (Judged(final), pose.pairs)
+    if final is not pose.centred:
+        found = _bounded(scene, meshes([pose.sewn]), pose, final, options, approach=approach)
     found = _mended(scene, meshes, pose, found, options)
     return Found(*found, solved, seconds + time.perf_counter() - start, meshes)
+
+
+def _bounded(
+    scene: Scene,
+    mesh: WeldedMesh,
+    pose: OpenedPose,
+    final: FloatArray,
+    options: IndependentOptions,
+    *,
+    approach: bool,
+) -> Bounded:
+    """Return what is kept of what was found for a pose, or of other ways to it that are better."""
+    pairs_of = partial(result_pairs, scene)
+
+    def bounded(points: FloatArray) -> Bounded:
+        (eased,) = relieved_poses(scene, mesh, [pose], [points], options=options.relief)
+        pairs = pairs_of(eased)
+        return bounded_pose(scene, pose, Judged(eased), pairs, pairs_of, options=options.share)
+
+    numbers = options.full, options.turned
+    found = turned_back(scene, mesh, pose, bounded(final), bounded, *numbers)
+    if not approach:
+        return found
+    return bounded_approach(scene, mesh, pose, found, pairs_of, options=options.approach)
 
 
 def approached(pose: OpenedPose, found: Found, options: IndependentOptions) -> Found:

@@ -14,7 +14,7 @@ from dtrepair.numerics.work import work_done
 from dtrepair.repair.elastic.poses_between import BetweenOptions, PosesBetween
 from dtrepair.repair.frame.lending import LendingOptions, carried, solved_from
 from dtrepair.repair.full.steering import Steering
-from dtrepair.repair.scene.bounds import Judged, PairsOf, badness, bounded_pose, wrong_of
+from dtrepair.repair.scene.bounds import Judged, PairsOf, bounded_pose, rank_of
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
 from dtrepair.repair.scene.welded_mesh import WeldedMesh
@@ -82,7 +82,7 @@ def bounded_approach(
         return found
     if not (len(pairs) or judged.excess or len(pose.enclosed)):
         return found
-    than = _rank(scene, pose, judged)
+    than = rank_of(scene, pose, judged)
     if not any(than):
         return found
     unit = mesh.reduced(pose.centred)
@@ -93,13 +93,8 @@ def bounded_approach(
     other = bounded_pose(
         scene, pose, Judged(points), pairs_of(points), pairs_of, options=options.share
     )
-    rank = _rank(scene, pose, other[0])
+    rank = rank_of(scene, pose, other[0])
     return other if rank < than and rank[0] <= options.gain * than[0] else found
-
-
-def _rank(scene: Scene, pose: OpenedPose, judged: Judged) -> tuple[int, float]:
-    """Return what is wrong with what is kept of a pose, and how far it is, or was, strained."""
-    return wrong_of(scene, pose, judged.points), badness(judged.excess)
 
 
 def _led(

@@ -34,6 +34,10 @@ class Judged(NamedTuple):
     turned: bool = False
 
 
+# What is kept of a pose, with its pairs (K, 2).
+Bounded = tuple[Judged, IntArray]
+
+
 def strain_of(
     scene: Scene,
     before: FloatArray,
@@ -129,6 +133,11 @@ def wrong_in(scene: Scene, frames: Sequence[OpenedPose], poses: Sequence[FloatAr
 def wrong_of(scene: Scene, frame: OpenedPose, points: FloatArray) -> int:
     """Return how much is wrong with a pose (V, 3) whose pairs are not known."""
     return _wrong(scene, frame, points, scene.pairs(points, frame.weld))
+
+
+def rank_of(scene: Scene, pose: OpenedPose, judged: Judged) -> tuple[int, float]:
+    """Return what is wrong with what is kept of a pose, and how far it is, or was, strained."""
+    return wrong_of(scene, pose, judged.points), badness(judged.excess)
 
 
 def _wrong(scene: Scene, pose: OpenedPose, points: FloatArray, pairs: IntArray) -> int:

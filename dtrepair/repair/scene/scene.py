@@ -213,7 +213,7 @@ class Scene:
         stiff = [part for part, body in enumerate(self.body_of_part) if self.is_stiff(body)]
         rings = Rings(self.layers.parts, stiff) if self.enclosures.count > 1 else None
         known = partial(StrainMeter, rest=self.centred_rest, scale=self.scale, options=self.strain)
-        return known(parts, references=shown, rings=rings)
+        return known(parts, references=shown, crossed=parts.crossed(self.rest_pairs), rings=rings)
 
     @cached_property
     def layers(self) -> Layers:

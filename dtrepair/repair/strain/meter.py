@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtrepair.diagnosis import StrainKind
-from dtrepair.numerics.geometry import FloatArray, dots, lengths, vector_areas
+from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, vector_areas
 from dtrepair.numerics.recent import Recent
 from dtrepair.numerics.scale import WHOLE, Scale
 from dtrepair.numerics.worn.loops import Rings
@@ -46,7 +46,9 @@ class StrainMeter:
     Args:
         parts: The parts.
         references: Poses (V, 3) that show how attached parts were modelled; none: each input.
-        rest: The pose (V, 3) by which parts are cut into limbs; None: limbs are not judged.
+        rest: The pose (V, 3) by which parts are cut into limbs, and which tells how patches lie;
+            None: limbs are not judged.
+        crossed: Triangles (N,) that meet their own part there.
         rings: What is worn and must not come off; None: that is not judged.
         scale: What lengths are measured in.
         options: The bounds.
@@ -58,12 +60,13 @@ class StrainMeter:
         *,
         references: Sequence[FloatArray] = (),
         rest: FloatArray | None = None,
+        crossed: IntArray | None = None,
         rings: Rings | None = None,
         scale: Scale = WHOLE,
         options: StrainOptions = StrainOptions(),
     ) -> None:
         self.parts, self.references, self.rest, self.options = parts, references, rest, options
-        self.rings, self.scale = rings, scale
+        self.crossed, self.rings, self.scale = crossed, rings, scale
         # Corrections of one input are measured in turn, each by the strict bounds, too.
         self._offsets_before, self._areas_before = Recent[FloatArray](), Recent[FloatArray]()
         self._changes = Recent[_Changed]()
@@ -270,8 +273,9 @@ class StrainMeter:
         area = np.minimum(lengths(old), lengths(new))
         whole = np.bincount(self.parts.of_face, lengths(old), self.parts.count)
         bounds = np.minimum((self.options.patch * size) ** 2, self.options.patch_share * whole)
-        few, result = self.options.patch_triangles, []
-        for own in turned_patches(self.parts, before, after, old, new, bounds, few=few):
+        few, result = self.options.patch_triangles, list[Excess]()
+        turned = partial(turned_patches, few=few, rest=self.rest, crossed=self.crossed)
+        for own in turned(self.parts, before, after, old, new, bounds):
             part = int(self.parts.of_face[own[0]])
             worst = int(self.parts.faces[own[np.argmax(area[own])], 0])
             value, bound = (float(np.sqrt(a)) / size for a in (area[own].sum(), bounds[part]))

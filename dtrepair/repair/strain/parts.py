@@ -114,6 +114,11 @@ class ConnectedParts:
         tied = np.stack([np.repeat(self.ties.vertices, 3), hosts], axis=1)
         return np.concatenate([self.edges, tied.astype(np.int32)])
 
+    def crossed(self, pairs: IntArray) -> IntArray:
+        """Return the triangles (N,) of intersecting pairs (K, 2) of one part."""
+        part = self.of_face[pairs]
+        return np.unique(pairs[part[:, 0] == part[:, 1]])
+
     def grown(self, mask: BoolArray, rings: int) -> BoolArray:
         """Return a mask (V,) grown by rings of edges and ties."""
         result, (first, second) = mask.copy(), self.links.T

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths
+from dtrepair.numerics.geometry import FloatArray, IntArray, dots, lengths, vector_areas
 from dtrepair.repair.strain.parts import ConnectedParts
 
 Places = NDArray[np.integer]
@@ -22,24 +22,40 @@ def turned_patches(
     bounds: FloatArray,
     *,
     few: int,
+    rest: FloatArray | None = None,
+    crossed: IntArray | None = None,
 ) -> list[Places]:
     """Return the patches of triangles (N,) that turned over, and are beyond what parts may have.
 
     before, after: poses (V, 3); old, new: vector areas (F, 3); bounds: area that a patch of each
-    part (P,) may have; few: so many triangles are a crease.
+    part (P,) may have; few: so many triangles are a crease; rest: the pose (V, 3) of the model;
+    crossed: its triangles (N,) that meet their own part, where it does not tell how they lie.
     """
     had, has = lengths(old), lengths(new)
     area = np.minimum(had, has)
     # Only what turned by 60 degrees can have turned over against its surroundings.
     turned: Places = np.flatnonzero(dots(old, new) < 0.5 * had * has)
     over = [
-        own[turned_over(parts.faces[own], parts.edges, before, after, old[own], new[own])]
+        own[facing(parts.faces[own], parts.edges, before, after, old[own], new[own]) < 0.0]
         for own in _patches(parts, turned, area, bounds, few)
     ]
     turned = np.concatenate([turned[:0], *over])
     found = _patches(parts, turned, area, bounds, few)
-    # What lay folded over in the input, and does so no longer, is no fault.
-    return [own for own in found if folded_more(parts.rim(own), old, new)]
+
+    def off_the_model(own: Places) -> bool:
+        """Return whether a patch faces less where it does in the model than it did."""
+        if rest is None or np.isin(own, () if crossed is None else crossed).any():
+            return False
+        triangles, model = parts.faces[own], vector_areas(rest, parts.faces[own])
+        was, became = (
+            facing(triangles, parts.edges, rest, pose, model, areas[own]).sum()
+            for pose, areas in ((before, old), (after, new))
+        )
+        return bool(became < was)
+
+    # What lay folded over in the input, and does so no longer, is no fault; but a mouth that is
+    # turned inside out is smoother than it was, too.
+    return [own for own in found if folded_more(parts.rim(own), old, new) or off_the_model(own)]
 
 
 def _patches(
@@ -55,7 +71,7 @@ def _patches(
     return [chosen[label == index] for index in np.unique(label[large])]
 
 
-def turned_over(
+def facing(
     triangles: IntArray,
     edges: IntArray,
     before: FloatArray,
@@ -64,8 +80,8 @@ def turned_over(
     new: FloatArray,
     *,
     rings: int = SURROUNDINGS,
-) -> NDArray[np.bool_]:
-    """Return which triangles (N, 3) of a patch face away from where they should, (N,).
+) -> FloatArray:
+    """Return how far triangles (N, 3) of a patch face where they should: a cosine times area, (N,).
 
     Where a triangle should face is its vector area `old` (N, 3) turned by the rotation that leads
     the edges around the patch best from the pose `before` (V, 3) to `after`; `new` (N, 3): where
@@ -79,7 +95,7 @@ def turned_over(
     own = edges[near.take(first) & near.take(second)]
     around = own[~(inner[own[:, 0]] & inner[own[:, 1]])]
     rotation = best_rotation(before, after, around if len(around) else own)
-    return np.asarray(dots(old @ rotation.T, new) < 0.0)
+    return np.asarray(dots(old @ rotation.T, new) / np.maximum(lengths(old), 1e-300))
 
 
 def folded_more(rim: IntArray, old: FloatArray, new: FloatArray) -> bool:

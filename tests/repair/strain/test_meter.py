@@ -185,6 +185,32 @@ def test_patches_that_turned_over() -> None:
     assert meter((BALL, FACES), patch=0.5, **loose)(BALL, plain_cap(0.8)) == []
 
 
+def test_a_pocket_that_is_turned_inside_out_is_told_by_the_rest() -> None:
+    """As folded as before, it would be taken for a fold that was there before."""
+    top = np.exp(-((np.linalg.norm(BALL[:, :2], axis=1) / 0.4) ** 4)) * (BALL[:, 2] > 0.0)
+    pocket, other = (BALL * [2.0, 2.0, 0.1] for _ in range(2))
+    pocket[:, 2] += 2.0 * top
+    other[:, 2] -= 1.5 * top
+    parts = ConnectedParts(FACES, np.zeros(len(BALL), dtype=np.int32))
+    numbers = StrainOptions(volume=99.0, edges_share=1.0)
+
+    def turns(
+        rest: FloatArray | None,
+        before: FloatArray,
+        after: FloatArray,
+        crossed: IntArray | None = None,
+    ) -> bool:
+        found = StrainMeter(parts, rest=rest, options=numbers, crossed=crossed)(before, after)
+        return StrainKind.FLIPS in kinds(found)
+
+    assert turns(pocket, pocket, other)
+    # A model that crosses itself there does not tell, nor none; and back to the model is no fault.
+    assert not turns(None, pocket, other)
+    crossed = parts.crossed(np.stack([np.arange(len(FACES))] * 2, axis=1))
+    assert not turns(pocket, pocket, other, crossed=crossed)
+    assert not turns(other, pocket, other)
+
+
 def test_what_turns_with_its_surroundings_did_not_turn_over() -> None:
     half = BALL @ np.diag([-1.0, 1.0, -1.0])
     assert meter((BALL, FACES))(BALL, half) == []

@@ -89,8 +89,15 @@ def pairs_told(counts: PairCounts, *, checked: bool) -> list[str]:
 
 def print_worn(console: Console, report: Report) -> None:
     """Print what a repair would take as worn, a line for each pair of parts."""
+    grouped = dict[tuple[str, str], list[WornRecord]]()
     for record in report.worn:
-        console.result(f"worn: {record.over} over {record.under}")
+        grouped.setdefault((record.over.path, record.under.path), []).append(record)
+    for (over, under), own in grouped.items():
+        # Feathers over feathers are one line.
+        some = [f"worn: {record.over} over {record.under}" for record in own]
+        all_of = f"worn: {counted(len(own), 'pair')} of parts of {over} over {under}"
+        for line in some if len(some) <= NAMED else [all_of]:
+            console.result(line)
     if not report.worn:
         console.result(
             "no open sheet would be taken as worn; what is closed, as rings or coats, is led too"

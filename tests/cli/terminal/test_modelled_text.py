@@ -15,6 +15,7 @@ from dtrepair.cli.terminal.modelled_text import (
     modelled_line,
     print_faults,
     print_modelled,
+    print_worn,
     worn_line,
 )
 from dtrepair.cli.terminal.repair_text import print_met
@@ -26,6 +27,7 @@ from dtrepair.report.parts import (
     PartPairs,
     WornRecord,
 )
+from dtrepair.report.record import Report
 from tests.command_line import OPEN, assert_fails, run, tube_obj
 from tests.jointed_arm import FRAMES, arm_stage
 from tests.report.part_records import part, record
@@ -195,3 +197,15 @@ def test_one_line_says_what_is_taken_as_worn() -> None:
     assert line.endswith(
         "and 6 more; another order with --layer or primvars:dtrepair:layer for each face"
     )
+
+
+def test_feathers_over_feathers_are_one_line_of_a_check(capsys: pytest.CaptureFixture[str]) -> None:
+    feathers = [WornRecord(over=part(k), under=part(9)) for k in range(1, 8)]
+    coats = [WornRecord(over=replace(part(2), path="/Hero/Coat", number=None), under=part(1))]
+    print_worn(
+        Console(), Report(command="check", version="1", input="a.usd", worn=(*feathers, *coats))
+    )
+    assert capsys.readouterr().out.splitlines() == [
+        "worn: 7 pairs of parts of /Hero/Body over /Hero/Body",
+        f"worn: {coats[0].over} over {coats[0].under}",
+    ]

@@ -45,6 +45,8 @@ class StrainOptions:
             deep contacts have some up to 0.026, and half a hand is 0.04 wide.
         patch_share: Or this share of the area of the part, if that is less: an eye is small.
         patch_triangles: A patch of so few triangles is a crease of a coarse mesh.
+        patch_rolls: Of a larger share of its part a patch may have rolled, as a strap does; an
+            inside of a mouth, which is smoother turned out, is smaller.
         worn: How many times less what a ring goes round may pass through it than in the input.
     """
 
@@ -66,6 +68,7 @@ class StrainOptions:
     patch: float = 0.035
     patch_share: float = 0.25
     patch_triangles: int = 5
+    patch_rolls: float = 0.1
     worn: float = 0.5
 
 

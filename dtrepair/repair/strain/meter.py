@@ -274,8 +274,9 @@ class StrainMeter:
         whole = np.bincount(self.parts.of_face, lengths(old), self.parts.count)
         bounds = np.minimum((self.options.patch * size) ** 2, self.options.patch_share * whole)
         few, result = self.options.patch_triangles, list[Excess]()
-        turned = partial(turned_patches, few=few, rest=self.rest, crossed=self.crossed)
-        for own in turned(self.parts, before, after, old, new, bounds):
+        turned = partial(turned_patches, rest=self.rest, crossed=self.crossed, few=few)
+        rolls = self.options.patch_rolls
+        for own in turned(self.parts, before, after, old, new, bounds, rolls=rolls):
             part = int(self.parts.of_face[own[0]])
             worst = int(self.parts.faces[own[np.argmax(area[own])], 0])
             value, bound = (float(np.sqrt(a)) / size for a in (area[own].sum(), bounds[part]))

@@ -24,12 +24,14 @@ def turned_patches(
     few: int,
     rest: FloatArray | None = None,
     crossed: IntArray | None = None,
+    rolls: float = 1.0,
 ) -> list[Places]:
     """Return the patches of triangles (N,) that turned over, and are beyond what parts may have.
 
     before, after: poses (V, 3); old, new: vector areas (F, 3); bounds: area that a patch of each
     part (P,) may have; few: so many triangles are a crease; rest: the pose (V, 3) of the model;
-    crossed: its triangles (N,) that meet their own part, where it does not tell how they lie.
+    crossed: its triangles (N,) that meet their own part, where it does not tell how they lie;
+    rolls: patches of a larger share of their part may have rolled as wholes: no rest tells of them.
     """
     had, has = lengths(old), lengths(new)
     area = np.minimum(had, has)
@@ -42,9 +44,13 @@ def turned_patches(
     turned = np.concatenate([turned[:0], *over])
     found = _patches(parts, turned, area, bounds, few)
 
+    whole = np.bincount(parts.of_face, had, parts.count)
+
     def off_the_model(own: Places) -> bool:
-        """Return whether a patch faces less where it does in the model than it did."""
+        """Return whether a small patch faces less where it does in the model than it did."""
         if rest is None or np.isin(own, () if crossed is None else crossed).any():
+            return False
+        if had[own].sum() > rolls * whole[parts.of_face[own[0]]]:
             return False
         triangles, model = parts.faces[own], vector_areas(rest, parts.faces[own])
         was, became = (

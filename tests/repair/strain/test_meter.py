@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -192,7 +193,7 @@ def test_a_pocket_that_is_turned_inside_out_is_told_by_the_rest() -> None:
     pocket[:, 2] += 2.0 * top
     other[:, 2] -= 1.5 * top
     parts = ConnectedParts(FACES, np.zeros(len(BALL), dtype=np.int32))
-    numbers = StrainOptions(volume=99.0, edges_share=1.0)
+    numbers = StrainOptions(volume=99.0, edges_share=1.0, patch_rolls=0.9)
 
     def turns(
         rest: FloatArray | None,
@@ -209,6 +210,9 @@ def test_a_pocket_that_is_turned_inside_out_is_told_by_the_rest() -> None:
     crossed = parts.crossed(np.stack([np.arange(len(FACES))] * 2, axis=1))
     assert not turns(pocket, pocket, other, crossed=crossed)
     assert not turns(other, pocket, other)
+    # So much of a part may have rolled.
+    numbers = replace(numbers, patch_rolls=0.1)
+    assert not turns(pocket, pocket, other)
 
 
 def test_what_turns_with_its_surroundings_did_not_turn_over() -> None:

@@ -11,7 +11,7 @@ from pxr import Usd, UsdGeom
 
 from usd_io.errors import StageError
 from usd_io.polygons import nonmanifold_edges
-from usd_io.read.skinning import Skin
+from usd_io.read.skinning import Skin, names_joints
 
 
 @dataclass(frozen=True)
@@ -123,6 +123,11 @@ def mesh_warnings(mesh: AnimatedMesh, degenerate: int) -> tuple[str, ...]:
         warnings.append(f"{mesh.path}: {edges} non-manifold edges (more than two triangles)")
     if degenerate:
         warnings.append(f"{mesh.path}: {degenerate} degenerate polygons take no part")
+    if mesh.skin is None and names_joints(mesh.geometry.GetPrim()):
+        warnings.append(
+            f"{mesh.path}: names a skeleton and joints, but nothing poses it: it needs a SkelRoot "
+            "above it, and no prim without a type between; it is taken as it stands"
+        )
     scheme = mesh.geometry.GetSubdivisionSchemeAttr().Get()
     if scheme != UsdGeom.Tokens.none:
         warnings.append(

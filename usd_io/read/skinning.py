@@ -207,6 +207,13 @@ def find_skin(prim: Usd.Prim) -> Skin | None:
     return None
 
 
+def names_joints(prim: Usd.Prim) -> bool:
+    """Return whether a prim names a skeleton that exists, and joints of it, itself or inherited."""
+    binding = UsdSkel.BindingAPI(prim)
+    indices = binding.GetJointIndicesPrimvar()
+    return bool(binding.GetInheritedSkeleton()) and indices.HasAuthoredValue()
+
+
 def _check_own_binding(prim: Usd.Prim) -> None:
     """Raise StageError if influences are inherited: then the mesh cannot be unbound alone."""
     above = prim.GetParent()

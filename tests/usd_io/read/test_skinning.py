@@ -219,6 +219,24 @@ def test_meshes_beside_the_skeleton_are_plain(tmp_path: Path) -> None:
     assert not only_mesh(tmp_path / "in.usda", prim="/Root/Plain").skinned
 
 
+@pytest.mark.parametrize("path", ["/Root", "/Root/Geo"])
+def test_joints_that_pose_nothing_are_told(tmp_path: Path, path: str) -> None:
+    """Without a SkelRoot, and below a prim without a type, UsdSkel skins nothing."""
+    stage = skinned_stage(tmp_path / "in.usda")
+    assert not only_mesh(tmp_path / "in.usda").warnings
+    if path == "/Root":
+        stage.GetPrimAtPath(path).SetTypeName("Xform")
+    else:
+        layer = stage.GetRootLayer()
+        Sdf.CreatePrimInLayer(layer, path).specifier = Sdf.SpecifierDef
+        assert Sdf.CopySpec(layer, "/Root/A", layer, "/Root/Geo/A")
+        stage.RemovePrim("/Root/A")
+    stage.GetRootLayer().Save()
+    mesh = only_mesh(tmp_path / "in.usda")
+    (told,) = mesh.warnings
+    assert not mesh.skinned and "nothing poses it" in told
+
+
 def test_blocked_base_points_stay_blocked(tmp_path: Path) -> None:
     stage = skinned_stage(tmp_path / "in.usda")
     points = UsdGeom.Mesh(stage.GetPrimAtPath("/Root/A")).GetPointsAttr()

@@ -15,7 +15,7 @@ from dtrepair.repair.independent_options import IndependentOptions
 from dtrepair.repair.relief.approach import bounded_approach
 from dtrepair.repair.relief.relief import relieved_poses
 from dtrepair.repair.result import Solved
-from dtrepair.repair.scene.bounds import Bounded, Judged, bounded_pose
+from dtrepair.repair.scene.bounds import Bounded, Judged, PairsOf, bounded_pose
 from dtrepair.repair.scene.mending import mended
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
@@ -93,8 +93,7 @@ def solved_pose(
     found = bounded_pose(
         scene, opened, Judged(points), pairs_of(points), pairs_of, options=options.share
     )
-    mesh, numbers = meshes([opened.sewn]), options.approach
-    better = bounded_approach(scene, mesh, opened, found, pairs_of, options=numbers)
+    better = _last_resorts(scene, meshes([opened.sewn]), opened, found, pairs_of, options)
     return points if better is found else better[0].points
 
 
@@ -134,32 +133,43 @@ def bounded_result(
     """
     start, found = time.perf_counter(), (Judged(final), pose.pairs)
     if final is not pose.centred:
-        found = _bounded(scene, meshes([pose.sewn]), pose, final, options, approach=approach)
+        mesh, pairs_of = meshes([pose.sewn]), partial(result_pairs, scene)
+        found = _kept(scene, mesh, pose, final, pairs_of, options)
+        if approach:
+            found = _last_resorts(scene, mesh, pose, found, pairs_of, options)
     found = _mended(scene, meshes, pose, found, options)
     return Found(*found, solved, seconds + time.perf_counter() - start, meshes)
 
 
-def _bounded(
+def _kept(
     scene: Scene,
     mesh: WeldedMesh,
     pose: OpenedPose,
-    final: FloatArray,
+    points: FloatArray,
+    pairs_of: PairsOf,
     options: IndependentOptions,
-    *,
-    approach: bool,
 ) -> Bounded:
-    """Return what is kept of what was found for a pose, or of other ways to it that are better."""
-    pairs_of = partial(result_pairs, scene)
+    """Return what is kept within the bounds of a solution (V, 3)."""
+    (eased,) = relieved_poses(scene, mesh, [pose], [points], options=options.relief)
+    pairs = pairs_of(eased)
+    return bounded_pose(scene, pose, Judged(eased), pairs, pairs_of, options=options.share)
+
+
+def _last_resorts(
+    scene: Scene,
+    mesh: WeldedMesh,
+    pose: OpenedPose,
+    found: Bounded,
+    pairs_of: PairsOf,
+    options: IndependentOptions,
+) -> Bounded:
+    """Return what is kept of a pose, or of one that is pushed otherwise, or led in, if better."""
 
     def bounded(points: FloatArray) -> Bounded:
-        (eased,) = relieved_poses(scene, mesh, [pose], [points], options=options.relief)
-        pairs = pairs_of(eased)
-        return bounded_pose(scene, pose, Judged(eased), pairs, pairs_of, options=options.share)
+        return _kept(scene, mesh, pose, points, pairs_of, options)
 
     numbers = options.full, options.turned
-    found = turned_back(scene, mesh, pose, bounded(final), bounded, *numbers)
-    if not approach:
-        return found
+    found = turned_back(scene, mesh, pose, found, bounded, *numbers)
     return bounded_approach(scene, mesh, pose, found, pairs_of, options=options.approach)
 
 
@@ -173,7 +183,7 @@ def approached(pose: OpenedPose, found: Found, options: IndependentOptions) -> F
     assert found.way is not None
     start, scene, mesh = time.perf_counter(), found.way.scene, found.way([pose.sewn])
     known, pairs_of = (found.judged, found.pairs), partial(result_pairs, scene)
-    better = bounded_approach(scene, mesh, pose, known, pairs_of, options=options.approach)
+    better = _last_resorts(scene, mesh, pose, known, pairs_of, options)
     if better is not known:
         better = _mended(scene, found.way, pose, better, options)
     spent = found.seconds + time.perf_counter() - start

@@ -93,10 +93,9 @@ def print_worn(console: Console, report: Report) -> None:
     for record in report.worn:
         grouped.setdefault((record.over.path, record.under.path), []).append(record)
     for (over, under), own in grouped.items():
-        # Feathers over feathers are one line.
-        some = [f"worn: {record.over} over {record.under}" for record in own]
-        all_of = f"worn: {counted(len(own), 'pair')} of parts of {over} over {under}"
-        for line in some if len(some) <= NAMED else [all_of]:
+        lines = [f"worn: {record.over} over {record.under}" for record in own]
+        summary = f"worn: parts of {over} over parts of {under}, {counted(len(own), 'pair')}"
+        for line in lines if len(lines) <= NAMED else [summary]:
             console.result(line)
     if not report.worn:
         console.result(

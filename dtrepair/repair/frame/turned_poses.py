@@ -1,19 +1,18 @@
-"""Poses of which a patch was turned inside out are solved again, by short pushes.
+"""Single poses of which a patch was turned inside out are solved again, by short pushes.
 
 What meets near where it hangs together is a crease, and left to a fill. So are lips that close too
 far, and the fill draws the mouth out between them, where it is round again, outside in. Pushed by
-short steps, however near they hang together, lips come apart.
+short steps, however near they hang together, lips often come apart.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from dtrepair.diagnosis import StrainKind
 from dtrepair.numerics.geometry import FloatArray
 from dtrepair.repair.full.method import FullMethod, FullOptions
-from dtrepair.repair.full.phases import PhaseOptions
 from dtrepair.repair.scene.bounds import Bounded, rank_of
 from dtrepair.repair.scene.opened_pose import OpenedPose
 from dtrepair.repair.scene.scene import Scene
@@ -25,12 +24,14 @@ class TurnedOptions:
     """How poses are solved again of which a patch was turned inside out.
 
     Args:
-        phases: Numbers of the push, instead of those of the full method.
+        near, first_steps: What replaces these numbers of the phases, see `PhaseOptions`.
+        gain: The other solution has to leave at most this share of what is wrong: the usual one
+            tells what strains it.
     """
 
-    phases: PhaseOptions = field(
-        default_factory=lambda: PhaseOptions(near=(6, 0), first_steps=(0.005,))
-    )
+    near: tuple[int, ...] = (6, 0)
+    first_steps: tuple[float, ...] = (0.005,)
+    gain: float = 0.5
 
 
 def turned_back(
@@ -42,7 +43,10 @@ def turned_back(
     full: FullOptions = FullOptions(),
     options: TurnedOptions = TurnedOptions(),
 ) -> Bounded:
-    """Return what is kept of a pose, if a patch was turned inside out perhaps of another solution.
+    """Return what is kept of a pose, or of a second solution where a patch of the first turned.
+
+    The better of the two. Not where stages are left out, and of one cluster only: what is led
+    apart as a whole does not begin at its input.
 
     Args:
         scene, mesh, pose: What was solved.
@@ -51,18 +55,19 @@ def turned_back(
         full: Numbers of the method.
         options: What is different then.
     """
+    chosen, surface = scene.options, mesh.surface
     turned = any(own.kind == StrainKind.FLIPS for own in found[0].excess)
-    if scene.options.method != "full" or not turned:
+    if not turned or chosen.skip or chosen.tighten == 0 or surface.clusters > 1:
         return found
-    chosen, unit = scene.options, mesh.reduced(pose.centred)
+    unit = mesh.reduced(pose.centred)
+    phases = replace(full.phases, near=options.near, first_steps=options.first_steps)
     method = FullMethod(
-        mesh.surface,
+        surface,
         rounds=chosen.tighten,
         farthest=mesh.farthest,
-        skip=chosen.skip,
         effort=chosen.effort,
-        options=replace(full, phases=options.phases),
+        options=replace(full, phases=phases),
     )
     other = bounded(mesh.expanded(pose.centred, unit, method(unit).points))
-    better = rank_of(scene, pose, other[0]) < rank_of(scene, pose, found[0])
-    return other if better else found
+    than, rank = (rank_of(scene, pose, own[0]) for own in (found, other))
+    return other if rank < than and rank[0] <= options.gain * than[0] else found

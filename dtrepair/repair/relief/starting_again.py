@@ -38,8 +38,8 @@ def started_again(
     Args:
         scene, mesh: What was solved.
         frames, poses: The input, and what was found for it.
-        leads: How far each frame was led before it was solved (T, V, 3): one that borrows is led as
-            far, or it would jump beside the others; None: none was.
+        leads: How far each frame was led before it was solved (T, V, 3): one that borrows begins
+            there, or it would jump beside the others; None: none was.
         alone: Solves a pose by itself, where it still is strained or has pairs.
         jobs: Workers; None: one a processor.
         options: The numbers.

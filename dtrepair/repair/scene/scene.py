@@ -207,13 +207,13 @@ class Scene:
     @cached_property
     def strain_meter(self) -> StrainMeter:
         """Measures what a correction does to the shapes of the bodies."""
-        faces = self.rest_weld[self.faces]
-        parts = ConnectedParts(faces, self.body_of_vertex, self.attachments)
+        parts = ConnectedParts(self.rest_weld[self.faces], self.body_of_vertex, self.attachments)
         shown = [reference.points for reference in self.references if reference.shows_all]
         stiff = [part for part, body in enumerate(self.body_of_part) if self.is_stiff(body)]
         rings = Rings(self.layers.parts, stiff) if self.enclosures.count > 1 else None
         known = partial(StrainMeter, rest=self.centred_rest, scale=self.scale, options=self.strain)
-        return known(parts, references=shown, crossed=parts.crossed(self.rest_pairs), rings=rings)
+        crossed = parts.crossed(self.detector(self.centred_rest, weld=self.rest_weld))
+        return known(parts, references=shown, crossed=crossed, rings=rings)
 
     @cached_property
     def layers(self) -> Layers:

@@ -22,7 +22,7 @@ from dtrepair.repair.separation.untangling import contact_counts, tangled_contac
 class Solved(NamedTuple):
     """What was found for frames: poses (V, 3), and how far (T, V, 3) they were led before.
 
-    That is what led enclosed parts out and bodies apart, not the lifts of layers.
+    By what leads enclosed parts out and bodies apart; lifts of layers are not among it.
     """
 
     poses: list[FloatArray]

@@ -37,8 +37,8 @@ class ConnectedParts:
     def __init__(
         self, faces: IntArray, body_of_vertex: IntArray, attachments: Attachments | None = None
     ) -> None:
-        solid = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-        self.corners, self.faces = faces, faces[solid]
+        self._solid = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+        self.corners, self.faces = faces, faces[self._solid]
         self.vertices = len(body_of_vertex)
         self.edges = unique_edges(self.faces)
         label = components(self.faces, self.vertices)
@@ -115,9 +115,14 @@ class ConnectedParts:
         return np.concatenate([self.edges, tied.astype(np.int32)])
 
     def crossed(self, pairs: IntArray) -> IntArray:
-        """Return the triangles (N,) of intersecting pairs (K, 2) of one part."""
-        part = self.of_face[pairs]
-        return np.unique(pairs[part[:, 0] == part[:, 1]])
+        """Return the triangles (N,) of these that meet others of their own part.
+
+        pairs: intersecting pairs (K, 2) of the faces that were given, triangles without area too.
+        """
+        number = np.cumsum(self._solid) - 1
+        own = number[pairs[self._solid[pairs].all(axis=1)]]
+        part = self.of_face[own]
+        return np.unique(own[part[:, 0] == part[:, 1]])
 
     def grown(self, mask: BoolArray, rings: int) -> BoolArray:
         """Return a mask (V,) grown by rings of edges and ties."""

@@ -47,7 +47,7 @@ def turned_patches(
     whole = np.bincount(parts.of_face, had, parts.count)
 
     def off_the_model(own: Places) -> bool:
-        """Return whether a small patch faces less where it does in the model than it did."""
+        """Return whether a small patch faces away from where the model does, more than it did."""
         if rest is None or np.isin(own, () if crossed is None else crossed).any():
             return False
         if had[own].sum() > rolls * whole[parts.of_face[own[0]]]:
@@ -55,9 +55,10 @@ def turned_patches(
         triangles, model = parts.faces[own], vector_areas(rest, parts.faces[own])
         was, became = (
             facing(triangles, parts.edges, rest, pose, model, areas[own]).sum()
+            / max(lengths(areas[own]).sum(), 1e-300)
             for pose, areas in ((before, old), (after, new))
         )
-        return bool(became < was)
+        return bool(became < min(was, 0.0))
 
     # What lay folded over in the input, and does so no longer, is no fault; but a mouth that is
     # turned inside out is smoother than it was, too.
@@ -87,7 +88,7 @@ def facing(
     *,
     rings: int = SURROUNDINGS,
 ) -> FloatArray:
-    """Return how far triangles (N, 3) of a patch face where they should: a cosine times area, (N,).
+    """Return the cosines (N,) to where triangles (N, 3) of a patch should face, times their areas.
 
     Where a triangle should face is its vector area `old` (N, 3) turned by the rotation that leads
     the edges around the patch best from the pose `before` (V, 3) to `after`; `new` (N, 3): where

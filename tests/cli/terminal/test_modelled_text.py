@@ -200,12 +200,13 @@ def test_one_line_says_what_is_taken_as_worn() -> None:
 
 
 def test_feathers_over_feathers_are_one_line_of_a_check(capsys: pytest.CaptureFixture[str]) -> None:
-    feathers = [WornRecord(over=part(k), under=part(9)) for k in range(1, 8)]
-    coats = [WornRecord(over=replace(part(2), path="/Hero/Coat", number=None), under=part(1))]
+    feathers = [WornRecord(over=part(k), under=part(9)) for k in range(1, 5)]
+    coat = replace(part(2), path="/Hero/Coat", number=None)
+    coats = [WornRecord(over=coat, under=part(k)) for k in range(1, 4)]
     print_worn(
         Console(), Report(command="check", version="1", input="a.usd", worn=(*feathers, *coats))
     )
     assert capsys.readouterr().out.splitlines() == [
-        "worn: 7 pairs of parts of /Hero/Body over /Hero/Body",
-        f"worn: {coats[0].over} over {coats[0].under}",
+        "worn: parts of /Hero/Body over parts of /Hero/Body, 4 pairs",
+        *(f"worn: {own.over} over {own.under}" for own in coats),
     ]

@@ -57,11 +57,11 @@ def test_what_stands_out_no_less_is_not_relaxed(monkeypatch: pytest.MonkeyPatch)
         assert made == [1, 0, 1] and asked[2] == 1
 
 
-def test_a_frame_that_borrows_is_led_as_far_as_its_lender() -> None:
+def test_a_frame_that_borrows_keeps_its_own_lead() -> None:
     scene, frame, mesh, whole, bent = bent_wing()
     lead = np.array([0.3, 0.1, 0.0])
-    poses, moved = [whole + lead, bent + lead], list[float]()
-    leads = np.tile(lead, (2, len(whole), 1))
+    poses, moved = [whole + 0.5 * lead, bent + lead], list[float]()
+    leads = np.multiply.outer([0.5, 1.0], np.tile(lead, (len(whole), 1)))
     for known in (leads, None):
         state = Borrowing(scene, mesh, [frame] * 2, poses, 1, BorrowingOptions(), leads=known)
         (found,) = state.solved([Loan(1, 0)])

@@ -243,6 +243,11 @@ def test_attached_parts_that_stand_out_between_two_frames_take_their_way() -> No
     assert found[0] is whole and found[2] is whole
     off = np.linalg.norm(bent - whole, axis=1).max()
     assert np.linalg.norm(found[1] - whole, axis=1).max() < 0.2 * off
+    # What was led before is led in a loan, too.
+    lead = np.array([0.3, 0.1, 0.0])
+    led, leads = [pose + lead for pose in (whole, bent, whole)], np.tile(lead, (3, len(whole), 1))
+    found = started_again(scene, mesh, frames, led, leads=leads, options=options)
+    assert np.linalg.norm(found[1] - led[0], axis=1).max() < 0.2 * off
     # What comes and goes evenly does not stand out, nor does the first or the last frame.
     on = whole + 1.3 * (bent - whole)
     for poses in ([whole, bent, on], [bent, whole, whole]):

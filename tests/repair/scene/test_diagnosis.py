@@ -49,7 +49,7 @@ def test_a_free_body_has_the_effort_and_the_diffusion() -> None:
         ),
         ({"method": "paper"}, "take the method full, or raise the diffusion"),
         ({"effort": 0.5}, BOTH),
-        ({"effort": 2.0}, "ease the pose where it is deepest, or raise the diffusion"),
+        ({"effort": 1.2}, "ease the pose where it is deepest, or raise the diffusion"),
     ],
 )
 def test_what_was_chosen_comes_first(chosen: dict[str, Any], text: str) -> None:

@@ -15,6 +15,7 @@ from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attached.overlaps import find_attachments
 from dtrepair.numerics.attachments import Attachments, Reference
 from dtrepair.numerics.geometry import FloatArray, IntArray, diagonal, vector_areas
+from dtrepair.repair.options import RepairOptions
 from dtrepair.repair.repairer import SceneRepairer
 from dtrepair.repair.scene.bodies import Body
 from dtrepair.repair.scene.bounds import share_search
@@ -213,6 +214,18 @@ def test_a_pocket_that_is_turned_inside_out_is_told_by_the_rest() -> None:
     # So much of a part may have rolled.
     numbers = replace(numbers, patch_rolls=0.1)
     assert not turns(pocket, pocket, other)
+
+
+def test_what_crosses_its_own_part_is_numbered_without_what_has_no_area() -> None:
+    faces = np.array([[0, 0, 1], [0, 1, 2], [0, 2, 3], [4, 4, 5], [4, 5, 6], [4, 6, 7]], np.int32)
+    parts = ConnectedParts(faces, np.zeros(8, dtype=np.int32))
+    # Two of one part, two of different ones, one without area.
+    assert parts.crossed(np.array([[4, 5], [1, 4], [0, 2]])).tolist() == [2, 3]
+    mesh = elbow(2.0)
+    for mode in ("both", "inter"):
+        scene = SceneRepairer([Body(*mesh)], options=RepairOptions(mode=mode)).scene
+        crossed = scene.strain_meter.crossed
+        assert crossed is not None and len(crossed) > 10
 
 
 def test_what_turns_with_its_surroundings_did_not_turn_over() -> None:

@@ -37,8 +37,8 @@ def matching_paths(stage: Usd.Stage, expression: str, *, below: bool = False) ->
     if named := _PART.search(expression):
         raise SelectionError(
             f"prim expression {expression!r}: expected prims, and {named[0].strip()!r} names none; "
-            'only --attach and --detach take parts of a mesh, as "/path/of/mesh part 3"; for '
-            "--layer its faces have primvars:dtrepair:layer"
+            'a part of a mesh is written "/path/of/mesh part 3", for --attach and --detach only; '
+            "for a layer its faces have primvars:dtrepair:layer"
         )
     try:
         parsed = Sdf.PathExpression(expression).MakeAbsolute(Sdf.Path.absoluteRootPath)

@@ -1,4 +1,4 @@
-"""Single poses of which a patch was turned inside out are solved again, by short pushes.
+"""Poses that are solved alone and have a patch turned inside out are solved again, otherwise.
 
 What meets near where it hangs together is a crease, and left to a fill. So are lips that close too
 far, and the fill draws the mouth out between them, where it is round again, outside in. Pushed by

@@ -79,7 +79,7 @@ def advice_for(scene: Scene, pairs: IntArray) -> tuple[Advice, ...]:
             advice.append(Advice.RAISE_MAXIMUM_DISPLACEMENT)
         if scene.options.method == "paper":
             advice.append(Advice.TAKE_FULL_METHOD)
-        else:  # What more work left is deep.
+        else:  # Who raised it knows what that gave.
             raised = scene.options.effort > RepairOptions.effort
             advice.append(Advice.EASE_POSE if raised else Advice.RAISE_EFFORT)
         # Of parts that hold each other a wider push leaves more as often as less.

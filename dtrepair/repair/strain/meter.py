@@ -47,8 +47,9 @@ class StrainMeter:
         parts: The parts.
         references: Poses (V, 3) that show how attached parts were modelled; none: each input.
         rest: The pose (V, 3) by which parts are cut into limbs, and which tells how patches lie;
-            None: limbs are not judged.
-        crossed: Triangles (N,) that meet their own part there.
+            None: limbs are not judged, and patches by how they are folded alone.
+        crossed: Triangles (N,) of the parts that meet their own part at rest, where it does not
+            tell how patches lie.
         rings: What is worn and must not come off; None: that is not judged.
         scale: What lengths are measured in.
         options: The bounds.

@@ -57,7 +57,7 @@ from dtrepair.pipeline.stages.outputs import FilePath
 from dtrepair.pipeline.stages.shot.sets import find_sets, pairs_of_sets
 from dtrepair.pipeline.stages.sources import Source, open_source
 from dtrepair.pipeline.stages.world_mesh import WorldScene
-from dtrepair.report.parts import WornRecord
+from dtrepair.report.parts import LISTED, LISTED_ATTACHED, WornRecord
 from dtrepair.report.record import FramePrimRecord, FrameRecord, Report
 
 if TYPE_CHECKING:
@@ -129,9 +129,10 @@ def _check(
     records: list[FrameRecord] = []
     met: list[IntArray] = []
     known = settings.counting != "auto" or frames_tell(source)
+    most = LISTED_ATTACHED if settings.find_worn else LISTED
     with (
         Progress(observer, "checking", len(source.times)) as progress,
-        closing(_counted(source, frames, counter, enclosed, modelled, jobs)) as counted,
+        closing(_counted(source, frames, counter, enclosed, modelled, jobs, most)) as counted,
     ):
         for record, pairs in progress.over(counted):
             records.append(record)
@@ -236,8 +237,12 @@ def _counted(
     enclosed: EnclosedParts,
     modelled: ModelledParts,
     jobs: int | None,
+    most: int,
 ) -> Generator[tuple[FrameRecord, PairsFound | None]]:
-    """Yield the record of each frame, and its pairs that count; None where it is unusable."""
+    """Yield the record of each frame, and its pairs that count; None where it is unusable.
+
+    most: so many pairs of parts that are modelled are listed.
+    """
 
     def count(frame: Frame) -> tuple[FrameRecord, PairsFound | None]:
         start = clock.perf_counter()
@@ -245,7 +250,7 @@ def _counted(
         if found is None:
             return unusable(frame), None
         each = zip(source.meshes, found.each, strict=True)
-        parts = modelled.in_frame(frame.time, found, frame.spaces, found, frame.spaces)
+        parts = modelled.in_frame(frame.time, found, frame.spaces, found, frame.spaces, most=most)
         record = FrameRecord(
             time=frame_time(frame),
             status="unchanged" if found.total.pairs else "clean",

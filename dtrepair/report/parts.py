@@ -192,13 +192,15 @@ def summed(counts: Iterable[PairCounts]) -> PairCounts:
     return PairCounts(**{name: sum(row[name] for row in rows) for name in vars(PairCounts())})
 
 
-def bounded(records: Sequence[PartPair], others: OtherPartPairs | None = None) -> PartPairs:
-    """Return the first of the records as a list, with the rest added to `others`."""
+def bounded(
+    records: Sequence[PartPair], others: OtherPartPairs | None = None, *, most: int = LISTED
+) -> PartPairs:
+    """Return the first `most` of the records as a list, with the rest added to `others`."""
     rest = others or OtherPartPairs()
-    left_out = records[LISTED:]
+    left_out = records[most:]
     counts = summed([rest.counts, *(record.counts for record in left_out)])
     return PartPairs(
-        listed=tuple(records[:LISTED]),
+        listed=tuple(records[:most]),
         others=OtherPartPairs(parts=rest.parts + len(left_out), counts=counts),
     )
 

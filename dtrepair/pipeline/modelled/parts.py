@@ -25,6 +25,7 @@ from dtrepair.pipeline.stages.bodies import unclear_sides
 from dtrepair.pipeline.stages.matching import Side, SidePairs
 from dtrepair.pipeline.stages.sources import Source
 from dtrepair.report.parts import (
+    LISTED,
     LISTED_ATTACHED,
     AttachedList,
     AttachedRecord,
@@ -94,21 +95,28 @@ class ModelledParts:
         old: Sequence[NDArray[Any]],
         after: SceneCount,
         new: Sequence[NDArray[Any]],
+        *,
+        most: int = LISTED,
     ) -> InFrame:
         """List what of a frame was modelled and, where there are several parts, what is a fault.
 
         Pairs sum to those of the counts; a triangle counts with each pair of parts that it is in.
-        old, new: points of each mesh in the space of the frames, before and after.
+        old, new: points of each mesh in the space of the frames, before and after; most: so many
+        pairs of parts are listed as modelled, the rest is summed.
         """
         points = np.concatenate(old), np.concatenate(new)
-        modelled = self._listed((before.modelled, after.modelled), points, time)
+        modelled = self._listed((before.modelled, after.modelled), points, time, most)
         faults = before.pairs, after.pairs
         if not any(map(len, faults)) or len(self.records) < 2:
             return InFrame(modelled, PartPairs())
         return InFrame(modelled, self._listed(faults, points, time))
 
     def _listed(
-        self, contacts: Sequence[NDArray[Any]], poses: Sequence[NDArray[Any]], time: float
+        self,
+        contacts: Sequence[NDArray[Any]],
+        poses: Sequence[NDArray[Any]],
+        time: float,
+        most: int = LISTED,
     ) -> PartPairs:
         """List contacts (K, 2) before and after by pairs of parts, with most left first."""
         if not any(map(len, contacts)):
@@ -135,7 +143,7 @@ class ModelledParts:
                     centre=self.names.where(poses[side], own, time),
                 )
             )
-        return bounded(records)
+        return bounded(records, most=most)
 
     @cached_property
     def attached(self) -> AttachedList:

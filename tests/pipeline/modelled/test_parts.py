@@ -128,6 +128,13 @@ def test_a_long_list_is_cut_and_its_rest_summed(tmp_path: Path) -> None:
     assert names == set(range(1, BALLS + 2))
 
 
+def test_who_asks_what_is_modelled_gets_more_of_each_frame(tmp_path: Path) -> None:
+    report = check_stage(studded_stage(tmp_path / "a.usda"), find_worn=True)
+    assert_lists_sum(report)
+    for frame in report.frames:
+        assert len(frame.modelled.listed) == BALLS and frame.modelled.others.parts == 0
+
+
 def test_a_triangle_counts_with_each_pair_of_parts_it_is_in(tmp_path: Path) -> None:
     """Two balls sit in one place of a body: some of its triangles meet both."""
     from usd_io import AuthoredMesh, write_animation

@@ -30,28 +30,25 @@ class PhaseOptions:
     Args:
         near: Rings within which contacts are left to the fill, phase by phase: from careful to
             pushing all of them; none beyond the limit of `RingDistances`.
-        first_steps: Largest motions in an iteration of the first phase, units of the size, each
-            tried where the one before did not suffice: long steps keep a pose open that short ones
-            squeeze, short ones solve what long ones miss.
+        first_steps: Largest motions in an iteration of the first phase, units of the size, tried in
+            turn: long steps keep a pose open that short ones squeeze, which solve what those miss.
         step_decay: Factor of the step from phase to phase: less is left to be moved.
         good_enough: Distortion below which a clean result needs no further phase.
         tightenable: The same where tightening follows, which mends more.
-        parted: Distortion below which a pose whose few crossings were led apart is the one.
+        parted: The same of a pose whose few crossings were led apart: it is the one.
         gain: A phase after a clean one must lower the distortion to this fraction to be followed
             by another.
-        insist_steps: Largest motions in an iteration where the phases left crossings, units of the
-            size: short ones, which find out of tangles.
+        insist_steps: Largest motions in an iteration where crossings are left: short ones find out.
+        far_less: If limbs led apart leave this share of what the phases do, theirs is insisted on.
         insist_rounds: Times that pushing and filling take turns with each of them.
         work, work_a_triangle: After so much work (units of `numerics.work`), and so much for each
-            triangle of the mesh, times the effort, no other attempt begins: some three seconds of
-            a processor for a pose of 1,000 triangles, five for 20,000.
+            triangle of the mesh, times the effort, no other attempt begins: three to five seconds.
         push: Numbers of the push.
         sections: How limbs that lie in each other are led apart where pushing does not suffice.
         steering: Numbers of preferred directions.
         parting: Numbers of the least motion.
         fill: Numbers of the fill.
-        last_fill: The fill of the last resort, whose patches may grow until they swallow what is
-            left.
+        last_fill: That of the last resort, whose patches grow until they swallow what is left.
     """
 
     near: tuple[int, ...] = (20, 12, 6, 0)
@@ -62,6 +59,7 @@ class PhaseOptions:
     parted: float = 0.02
     gain: float = 0.97
     insist_steps: tuple[float, ...] = (0.005, 0.002, 0.01)
+    far_less: float = 0.65
     insist_rounds: int = 4
     work: float = 1.5e6
     work_a_triangle: float = 50.0
@@ -113,8 +111,7 @@ class Phases:
     ) -> None:
         """Search within `farthest` (units of the size) of the original; note stages in `log`.
 
-        skip: stages that are left out; tightened: whether tightening follows; effort: factor of the
-        work after which no other attempt begins.
+        skip: stages left out; tightened: whether tightening follows; effort: factor of all work.
         """
         self.surface, self.original, self.options = surface, original, options
         self.farthest, self.skip = farthest, skip
@@ -123,7 +120,7 @@ class Phases:
         self.log = log or StageLog(surface, original)
         self.known = find_defects(surface, original)
         self.scale = contact_scale(surface, self.known.crossings)
-        self.candidates: list[Candidate] = []
+        self.candidates, self._apart = list[Candidate](), list[Candidate]()
         self._fills = Repeats[Candidate]()
         self.good_enough = options.tightenable if tightened else options.good_enough
         self.steering = Steering(surface, options=options.steering)
@@ -146,10 +143,7 @@ class Phases:
         return self._begun + times * self._most
 
     def best(self) -> Candidate:
-        """Return the best of several first steps; later ones only where the first did not suffice.
-
-        Where what is left concerns few of the bodies, it is insisted on at once.
-        """
+        """Return the best of the first steps; what few bodies keep is insisted on at once."""
         best: Candidate | None = self._parted()
         if best is not None and best.distortion < self.options.parted:
             return best
@@ -163,18 +157,26 @@ class Phases:
                     candidate = apart
             best = candidate if best is None or candidate.rank < best.rank else best
             if not best.clean and self._concerns_few(best):
-                best = self.insist(best)
+                best = self._insisted(best, apart)
             if (best.clean and best.distortion < self.good_enough) or self.worked_enough:
                 break
         assert best is not None
         if not (best.clean or self.worked_enough):
-            best = self.insist(best)
+            best = self._insisted(best, apart)
         return best if apart is None or best.rank <= apart.rank else apart
+
+    def _insisted(self, best: Candidate, apart: Candidate | None) -> Candidate:
+        """Return what insisting makes of what the phases left, or limbs led apart, if far less."""
+        left = len(best.defects.crossings)
+        if apart is None or len(apart.defects.crossings) > self.options.far_less * left:
+            return self.insist(best)
+        self.candidates = self._apart
+        return self.insist(apart)
 
     def _sections_apart(self) -> Candidate | None:
         """Return what pushing makes of limbs that were led apart; None where they were not.
 
-        It takes no work from the other attempts, and nothing that it leaves is insisted on.
+        It takes no work from the other attempts.
         """
         if self.steering or "sections" in self.skip or self.worked_enough:
             return None
@@ -184,12 +186,12 @@ class Phases:
         if points is not None and np.array_equal(self.limited(points), points):
             self.log.add("sections", points, start)
             found = self.run(self.options.first_steps[-1], points)
-            del self.candidates[tried:]
+            self.candidates, self._apart = self.candidates[:tried], self.candidates[tried:]
         self._begun += work_done() - begun
         return found
 
     def _parted(self) -> Candidate | None:
-        """Return the pose whose few crossings are led apart by the least motion, if they can be."""
+        """Return the pose whose few crossings the least motion leads apart, if they can be."""
         start = time.perf_counter()
         found = self._parted_from(self.original, self.known)
         if found is None:
@@ -208,10 +210,7 @@ class Phases:
         return found if within else None
 
     def run(self, step: float, points: FloatArray | None = None) -> Candidate:
-        """Return the best result of pushing with ever fewer contacts left to the fill.
-
-        points: the pose (V, 3) it begins with; default: the original.
-        """
+        """Return the best of pushing `points`, or the original, with ever less left to the fill."""
         best: Candidate | None = None
         options, points = self.options, self.original if points is None else points
         for index, near in enumerate(options.near):
@@ -239,10 +238,10 @@ class Phases:
         return best
 
     def insist(self, best: Candidate) -> Candidate:
-        """Try what no phase solved again from all poses that the phases left, best first.
+        """Try what no phase solved again from all poses that were left, best first.
 
-        A fill leaves a few tangles that are no longer tied to what made them: pushing them all by
-        short steps and filling anew solves most. Then patches grow until they swallow the rest.
+        A fill leaves tangles no longer tied to what made them: pushing them all by short steps and
+        filling anew solves most. Then patches grow until they swallow the rest.
         """
         if "insist" in self.skip:
             return best

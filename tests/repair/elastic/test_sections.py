@@ -181,6 +181,25 @@ def test_what_does_not_come_clean_changes_nothing_else(monkeypatch: pytest.Monke
     assert (found.points == without.points).all()
 
 
+@pytest.mark.parametrize("far_less", [0.0, 0.65])
+def test_what_far_less_is_left_of_is_insisted_on(
+    far_less: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    surface, pose = posed(beast(0.0, 0.0), beast(0.4, 0.18))
+    options = PhaseOptions(push=PushOptions(iterations=1), far_less=far_less)
+    phases = Phases(surface, pose, tightened=False, options=options, skip=("fill",))
+    best, apart = phases.run(0.02), phases._sections_apart()
+    own = {id(candidate) for candidate in phases.candidates}
+    assert apart is not None and not best.clean
+    assert len(apart.defects.crossings) <= 0.65 * len(best.defects.crossings)
+    monkeypatch.setattr(phases, "insist", lambda candidate: candidate)
+    assert phases._insisted(best, apart) is (apart if far_less else best)
+    # Insisted is on what one of both left, never on a mixture.
+    kept = {id(candidate) for candidate in phases.candidates}
+    assert kept.isdisjoint(own) if far_less else kept == own
+    assert phases._insisted(best, None) is best
+
+
 def test_with_a_limit_nothing_goes_beyond_it() -> None:
     surface, pose = posed(beast(0.0, 0.0), beast(0.4, 0.18))
     push = PushOptions(iterations=1)

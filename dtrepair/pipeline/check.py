@@ -129,6 +129,7 @@ def _check(
     records: list[FrameRecord] = []
     met: list[IntArray] = []
     known = settings.counting != "auto" or frames_tell(source)
+    # So that each pair of parts that is listed as attached is found in the frames.
     most = LISTED_ATTACHED if settings.find_worn else LISTED
     with (
         Progress(observer, "checking", len(source.times)) as progress,

@@ -33,7 +33,8 @@ class CheckSettings:
         tables: settings of single meshes, of which a check takes what they are attached to.
         rest_contacts: "auto" counts contacts that were modelled apart, "repair" all as one; None:
             "repair" where the selection is strict, else "auto".
-        find_worn: look for what a repair would take as worn, too: seconds for many parts.
+        find_worn: look for what a repair would take as worn, too: seconds for many parts; frames
+            then list 200 pairs of parts that are modelled instead of 20.
 
     Raises:
         UsageError: an unknown mode or way to count.

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-# So many pairs of parts are listed for a frame and for a run, and so many as attached.
+# So many pairs of parts are listed for a frame and for a run; so many as attached, and of what is
+# modelled in each frame where a check is asked for that.
 LISTED = 20
 LISTED_ATTACHED = 200
 

@@ -36,6 +36,8 @@ def test_a_list_is_bounded_and_its_rest_summed() -> None:
     assert every.listed == tuple(records[:LISTED]) and every.others.parts == 5
     assert total(every) == summed(each.counts for each in records)
     assert not PartPairs() and every
+    more = bounded(records, most=LISTED + 2)
+    assert more.listed == tuple(records[: LISTED + 2]) and total(more) == total(every)
 
 
 @given(st.lists(st.lists(st.integers(1, 50), max_size=30), max_size=5))

@@ -50,6 +50,29 @@ class Filled(NamedTuple):
     defects: Defects
 
 
+class Candidate(NamedTuple):
+    """A filled pose, its defects and distortion, and the ring limit of the phase that made it.
+
+    astray: weighted, what of it goes another way than was asked for.
+    """
+
+    points: FloatArray
+    defects: Defects
+    distortion: float
+    near: int
+    astray: float = 0.0
+
+    @property
+    def clean(self) -> bool:
+        """Whether nothing crosses."""
+        return len(self.defects.crossings) == 0
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Crossings first, then distortion and what strays: smaller is better."""
+        return len(self.defects.crossings), round(self.distortion + self.astray, 4)
+
+
 class _Patches:
     """Vertices to replace: how many rings each seed reaches, how often it failed, by which fill."""
 

@@ -12,8 +12,9 @@ from dtrepair.numerics.work import work_done
 from dtrepair.repair.elastic.dihedral_angles import DihedralAngles, DihedralOptions
 from dtrepair.repair.elastic.edge_lengths import EdgeLengthOptions, EdgeLengths
 from dtrepair.repair.full.acceptance import reach_of
+from dtrepair.repair.full.biharmonic_fill import Candidate
 from dtrepair.repair.full.cure import CureOptions, Flaws, cure
-from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
+from dtrepair.repair.full.phases import PhaseOptions, Phases
 from dtrepair.repair.full.pull_back import PullBackOptions, pull_back
 from dtrepair.repair.full.relax import QUICK, RelaxOptions, relax
 from dtrepair.repair.full.settle import (

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from dtrepair.numerics.metrics import distortion
 from dtrepair.numerics.work import Repeats, work_done
 from dtrepair.repair.elastic.parting import PartingOptions, parted
 from dtrepair.repair.elastic.sections import SectionOptions, sections_apart
-from dtrepair.repair.full.biharmonic_fill import FillOptions, biharmonic_fill
+from dtrepair.repair.full.biharmonic_fill import Candidate, FillOptions, biharmonic_fill
 from dtrepair.repair.full.push import Pushed, PushOptions, push
 from dtrepair.repair.full.steering import Steering, SteeringOptions
 from dtrepair.repair.stage_log import StageLog
@@ -30,25 +29,30 @@ class PhaseOptions:
     Args:
         near: Rings within which contacts are left to the fill, phase by phase: from careful to
             pushing all of them; none beyond the limit of `RingDistances`.
-        first_steps: Largest motions in an iteration of the first phase, units of the size, tried in
-            turn: long steps keep a pose open that short ones squeeze, which solve what those miss.
+        first_steps: Largest motions in an iteration of the first phase, units of the size, each
+            tried where the one before did not suffice: long steps keep a pose open that short ones
+            squeeze, short ones solve what long ones miss.
         step_decay: Factor of the step from phase to phase: less is left to be moved.
         good_enough: Distortion below which a clean result needs no further phase.
         tightenable: The same where tightening follows, which mends more.
-        parted: The same of a pose whose few crossings were led apart: it is the one.
+        parted: Distortion below which a pose whose few crossings were led apart is the one.
         gain: A phase after a clean one must lower the distortion to this fraction to be followed
             by another.
-        insist_steps: Largest motions in an iteration where crossings are left: short ones find out.
-        far_less: If limbs led apart leave this share of what the phases do, theirs is insisted on.
+        insist_steps: Largest motions in an iteration where the phases left crossings, units of the
+            size: short ones, which find out of tangles.
+        far_less: Limbs that were led apart are insisted on, in place of what the phases left, where
+            they keep at most this share of its crossings.
         insist_rounds: Times that pushing and filling take turns with each of them.
         work, work_a_triangle: After so much work (units of `numerics.work`), and so much for each
-            triangle of the mesh, times the effort, no other attempt begins: three to five seconds.
+            triangle of the mesh, times the effort, no other attempt begins: some three seconds of
+            a processor for a pose of 1,000 triangles, five for 20,000.
         push: Numbers of the push.
         sections: How limbs that lie in each other are led apart where pushing does not suffice.
         steering: Numbers of preferred directions.
         parting: Numbers of the least motion.
         fill: Numbers of the fill.
-        last_fill: That of the last resort, whose patches grow until they swallow what is left.
+        last_fill: The fill of the last resort, whose patches may grow until they swallow what is
+            left.
     """
 
     near: tuple[int, ...] = (20, 12, 6, 0)
@@ -71,29 +75,6 @@ class PhaseOptions:
     last_fill: FillOptions = field(default_factory=lambda: FillOptions(rounds=24))
 
 
-class Candidate(NamedTuple):
-    """A pose, its defects and distortion, and the ring limit of the phase that made it.
-
-    astray: weighted, what of it goes another way than was asked for.
-    """
-
-    points: FloatArray
-    defects: Defects
-    distortion: float
-    near: int
-    astray: float = 0.0
-
-    @property
-    def clean(self) -> bool:
-        """Whether nothing crosses."""
-        return len(self.defects.crossings) == 0
-
-    @property
-    def rank(self) -> tuple[int, float]:
-        """Crossings first, then distortion and what strays: smaller is better."""
-        return len(self.defects.crossings), round(self.distortion + self.astray, 4)
-
-
 class Phases:
     """The search for a clean pose near an original (V, 3), in units of the surface's size."""
 
@@ -111,7 +92,8 @@ class Phases:
     ) -> None:
         """Search within `farthest` (units of the size) of the original; note stages in `log`.
 
-        skip: stages left out; tightened: whether tightening follows; effort: factor of all work.
+        skip: stages that are left out; tightened: whether tightening follows; effort: factor of the
+        work after which no other attempt begins.
         """
         self.surface, self.original, self.options = surface, original, options
         self.farthest, self.skip = farthest, skip
@@ -120,7 +102,9 @@ class Phases:
         self.log = log or StageLog(surface, original)
         self.known = find_defects(surface, original)
         self.scale = contact_scale(surface, self.known.crossings)
-        self.candidates, self._apart = list[Candidate](), list[Candidate]()
+        self.candidates: list[Candidate] = []
+        # What sections left is no start for others unless it is far less.
+        self._of_sections: list[Candidate] = []
         self._fills = Repeats[Candidate]()
         self.good_enough = options.tightenable if tightened else options.good_enough
         self.steering = Steering(surface, options=options.steering)
@@ -143,7 +127,10 @@ class Phases:
         return self._begun + times * self._most
 
     def best(self) -> Candidate:
-        """Return the best of the first steps; what few bodies keep is insisted on at once."""
+        """Return the best of several first steps; later ones only where the first did not suffice.
+
+        Where what is left concerns few of the bodies, it is insisted on at once.
+        """
         best: Candidate | None = self._parted()
         if best is not None and best.distortion < self.options.parted:
             return best
@@ -166,11 +153,14 @@ class Phases:
         return best if apart is None or best.rank <= apart.rank else apart
 
     def _insisted(self, best: Candidate, apart: Candidate | None) -> Candidate:
-        """Return what insisting makes of what the phases left, or limbs led apart, if far less."""
-        left = len(best.defects.crossings)
-        if apart is None or len(apart.defects.crossings) > self.options.far_less * left:
+        """Insist on limbs led apart if they keep far less than the best does, else on that.
+
+        They are then the candidates, in place of all before.
+        """
+        most = self.options.far_less * len(best.defects.crossings)
+        if apart is None or len(apart.defects.crossings) > most:
             return self.insist(best)
-        self.candidates = self._apart
+        self.candidates = list(self._of_sections)
         return self.insist(apart)
 
     def _sections_apart(self) -> Candidate | None:
@@ -186,12 +176,13 @@ class Phases:
         if points is not None and np.array_equal(self.limited(points), points):
             self.log.add("sections", points, start)
             found = self.run(self.options.first_steps[-1], points)
-            self.candidates, self._apart = self.candidates[:tried], self.candidates[tried:]
+            self._of_sections = self.candidates[tried:]
+            del self.candidates[tried:]
         self._begun += work_done() - begun
         return found
 
     def _parted(self) -> Candidate | None:
-        """Return the pose whose few crossings the least motion leads apart, if they can be."""
+        """Return the pose whose few crossings are led apart by the least motion, if they can be."""
         start = time.perf_counter()
         found = self._parted_from(self.original, self.known)
         if found is None:
@@ -210,7 +201,10 @@ class Phases:
         return found if within else None
 
     def run(self, step: float, points: FloatArray | None = None) -> Candidate:
-        """Return the best of pushing `points`, or the original, with ever less left to the fill."""
+        """Return the best result of pushing with ever fewer contacts left to the fill.
+
+        points: the pose (V, 3) it begins with; default: the original.
+        """
         best: Candidate | None = None
         options, points = self.options, self.original if points is None else points
         for index, near in enumerate(options.near):
@@ -238,10 +232,10 @@ class Phases:
         return best
 
     def insist(self, best: Candidate) -> Candidate:
-        """Try what no phase solved again from all poses that were left, best first.
+        """Try what no phase solved again from all candidates, best first.
 
-        A fill leaves tangles no longer tied to what made them: pushing them all by short steps and
-        filling anew solves most. Then patches grow until they swallow the rest.
+        A fill leaves a few tangles that are no longer tied to what made them: pushing them all by
+        short steps and filling anew solves most. Then patches grow until they swallow the rest.
         """
         if "insist" in self.skip:
             return best

@@ -129,10 +129,14 @@ def test_a_long_list_is_cut_and_its_rest_summed(tmp_path: Path) -> None:
 
 
 def test_who_asks_what_is_modelled_gets_more_of_each_frame(tmp_path: Path) -> None:
-    report = check_stage(studded_stage(tmp_path / "a.usda"), find_worn=True)
+    path = studded_stage(tmp_path / "a.usda")
+    report = check_stage(path, find_worn=True)
     assert_lists_sum(report)
     for frame in report.frames:
         assert len(frame.modelled.listed) == BALLS and frame.modelled.others.parts == 0
+    # Of what is a fault as many as ever are listed.
+    faults = check_stage(path, find_worn=True, rest_contacts="repair").frames[0].faults
+    assert len(faults.listed) == LISTED and faults.others.parts == BALLS - LISTED
 
 
 def test_a_triangle_counts_with_each_pair_of_parts_it_is_in(tmp_path: Path) -> None:

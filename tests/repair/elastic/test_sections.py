@@ -18,8 +18,10 @@ from dtrepair.repair.elastic.sections import (
     sections_apart,
 )
 from dtrepair.repair.full import phases as phases_module
+from dtrepair.repair.full.biharmonic_fill import Candidate
 from dtrepair.repair.full.phases import PhaseOptions, Phases
 from dtrepair.repair.full.push import PushOptions
+from dtrepair.repair.surface.defects import Defects
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import Mesh, crossed_legs, crossing_tubes, elbow, joined
 
@@ -167,7 +169,7 @@ def test_of_large_sections_some_points_are_looked_at_and_few_meet() -> None:
     assert [each.length for each in fewer] != [each.length for each in every]
 
 
-def test_what_does_not_come_clean_changes_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_leaves_no_less_changes_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
     surface, pose = posed(beast(0.0, 0.0), beast(0.4, 0.18))
     phases = Phases(surface, pose, tightened=False)
     room = phases.enough() - work_done()
@@ -181,23 +183,34 @@ def test_what_does_not_come_clean_changes_nothing_else(monkeypatch: pytest.Monke
     assert (found.points == without.points).all()
 
 
+@pytest.mark.parametrize("few", [False, True])
 @pytest.mark.parametrize("far_less", [0.0, 0.65])
 def test_what_far_less_is_left_of_is_insisted_on(
-    far_less: float, monkeypatch: pytest.MonkeyPatch
+    far_less: float, few: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """At once where it concerns few of the bodies, else after all steps."""
     surface, pose = posed(beast(0.0, 0.0), beast(0.4, 0.18))
     options = PhaseOptions(push=PushOptions(iterations=1), far_less=far_less)
     phases = Phases(surface, pose, tightened=False, options=options, skip=("fill",))
-    best, apart = phases.run(0.02), phases._sections_apart()
-    own = {id(candidate) for candidate in phases.candidates}
-    assert apart is not None and not best.clean
-    assert len(apart.defects.crossings) <= 0.65 * len(best.defects.crossings)
-    monkeypatch.setattr(phases, "insist", lambda candidate: candidate)
-    assert phases._insisted(best, apart) is (apart if far_less else best)
-    # Insisted is on what one of both left, never on a mixture.
-    kept = {id(candidate) for candidate in phases.candidates}
-    assert kept.isdisjoint(own) if far_less else kept == own
-    assert phases._insisted(best, None) is best
+    pushed, apart = phases.run(options.first_steps[0]), phases._sections_apart()
+    assert apart is not None and 0 < apart.rank[0] <= 0.65 * pushed.rank[0]
+    phases.candidates.clear()
+    calls = list[tuple[int, set[int]]]()
+    nothing = phases.known.crossings[:0]
+    cleaned = apart._replace(defects=Defects(nothing, nothing), distortion=0.0)
+
+    def insist(best: Candidate) -> Candidate:
+        calls.append((best.rank[0], {candidate.rank[0] for candidate in phases.candidates}))
+        return cleaned
+
+    monkeypatch.setattr(phases, "insist", insist)
+    monkeypatch.setattr(phases, "_concerns_few", lambda best: few)
+    assert phases.best() is cleaned
+    ((chosen, kept),) = calls
+    if far_less:
+        assert chosen == apart.rank[0] in kept and pushed.rank[0] not in kept
+    else:
+        assert chosen > apart.rank[0] and chosen in kept and apart.rank[0] not in kept
 
 
 def test_with_a_limit_nothing_goes_beyond_it() -> None:

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
+from dtrepair.repair.full.biharmonic_fill import Candidate
+from dtrepair.repair.full.phases import PhaseOptions, Phases
 from dtrepair.repair.full.push import PushOptions
 from dtrepair.repair.options import OptionError, RepairOptions
 from dtrepair.repair.repairer import Repairer

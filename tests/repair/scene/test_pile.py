@@ -10,7 +10,8 @@ import pytest
 
 from dtrepair import Body, RepairOptions, SceneRepairer, Status
 from dtrepair.numerics.geometry import unique_edges
-from dtrepair.repair.full.phases import Candidate, PhaseOptions, Phases
+from dtrepair.repair.full.biharmonic_fill import Candidate
+from dtrepair.repair.full.phases import PhaseOptions, Phases
 from dtrepair.repair.full.push import PushOptions, _of_length
 from dtrepair.repair.full.relax import RelaxOptions, relax
 from dtrepair.repair.independent import repair_poses

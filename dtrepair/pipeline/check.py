@@ -162,7 +162,8 @@ def _check(
 def _ignored(source: Source, settings: CheckSettings) -> MeshPairs:
     """Pairs of meshes (i, j), i <= j, whose contacts do not count: as in a repair.
 
-    But the contacts of a mesh of the set with itself do: it may be no set after all.
+    But the contacts of a mesh of the set with itself do, if they were not modelled: it may be no
+    set after all.
     """
     ignored = set(ignored_pairs(source, settings.ignore))
     if settings.counting == "auto":

@@ -23,8 +23,8 @@ class FindingKind(StrEnum):
 _WORDS = {
     FindingKind.BENT: (
         "bent, though moved as a whole in the input",
-        "where that must not be, --rigid keeps the shape of what it names, and what it touches "
-        "gives way instead",
+        "where that must not be, --rigid keeps the shape of what it names; what it touches gives "
+        "way instead, or keeps contacts",
     ),
     FindingKind.MOVED: (
         "moved, though it stands still in the input",

@@ -137,7 +137,7 @@ class PlacedMeshes:
         if side.part > most:
             numbers = f"a number from 1 to {most}" if most > 1 else "no number, as it is one part"
             raise UsageError(
-                f"attach, detach: {self.source.meshes[side.mesh].path} part {side.part}: expected "
+                f"attach or detach: {self.source.meshes[side.mesh].path} part {side.part}: expected "
                 f"{numbers}; check --modelled and reports name the parts of a mesh"
             )
 
@@ -278,14 +278,15 @@ class PlacedMeshes:
         return np.asarray(passing & asked, dtype=bool)
 
     def collide(self, pairs: IntArray) -> BoolArray:
-        """Return which pairs (K, 2) of triangles are of a collider, (K,).
+        """Return which pairs (K, 2) of triangles are of a collider and another mesh, (K,).
 
         What meets a floor in nearly all frames stands on it, and is not attached to it, but a bolt
-        is whether or not it is an instance.
+        is whether or not it is an instance, as the legs of a chair are to its seat.
         """
         meshes = self.source.meshes
         colliders = np.array([own.collider and not own.handle.instanced for own in meshes], bool)
-        return np.asarray(colliders[self.mesh_of[pairs]].any(axis=1), dtype=bool)
+        first, second = self.mesh_of[pairs].T
+        return np.asarray((colliders[first] | colliders[second]) & (first != second), dtype=bool)
 
     def told_of(self, pairs: IntArray) -> BoolArray:
         """Return which pairs (K, 2) of triangles the user calls attached or detached, (K,)."""

@@ -62,6 +62,10 @@ def choose_rests(source: Source, option: str | None, *, device: str) -> list[Res
     return [replace(rest, named=True) for rest in rests]
 
 
+# Of what is left alone nobody asks which of its contacts were modelled.
+_FINE = ", and as it should be where its parts were modelled into each other"
+
+
 def rest_warnings(
     source: Source,
     rests: Sequence[Rest],
@@ -89,12 +93,12 @@ def rest_warnings(
     if still:
         yield (
             f"colliders that intersect themselves: {listed(still)}; as a collider never moves, "
-            "that is neither repaired nor counted"
+            f"that is neither repaired nor counted{_FINE}"
         )
     if stiff:
         yield (
             f"rigid, and intersect themselves: {listed(stiff)}; as a rigid thing keeps its shape, "
-            "that is neither repaired nor counted"
+            f"that is neither repaired nor counted{_FINE}"
         )
     if faulty:
         yield (

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from dtrepair.pipeline import ObjectOptions, RepairSettings, SetsFound, repair_stage
+from dtrepair.pipeline.modelled.references import ReferenceOptions
 from dtrepair.pipeline.observer import Observer, Remark
 from dtrepair.pipeline.selection import Selection
 from dtrepair.pipeline.stages.bodies import make_bodies, read_controls
@@ -194,6 +195,33 @@ def test_a_mesh_that_meets_itself_is_told_by_a_check_though_it_stands_still(tmp_
         "colliders that intersect themselves"
         in run("repair", path, "-o", path.with_suffix(".usdc")).err
     )
+
+
+@pytest.mark.parametrize("frames", [4, 6])
+def test_parts_of_a_set_that_meet_were_modelled_so_where_frames_tell(
+    frames: int, tmp_path: Path
+) -> None:
+    """As the legs of a chair in its seat: a repair does not count them either."""
+    from usd_io import AuthoredMesh, write_animation
+
+    poses = [(BALL + x * ALONG).astype(np.float32) for x in np.linspace(0.0, 0.5, frames)]
+    crossed = np.concatenate([9.0 * SQUARE, 9.0 * SQUARE[:, [0, 2, 1]]]) - 11.0 * UP
+    chair = crossed.astype(np.float32), np.concatenate([HALVES, HALVES + 4])
+    meshes = [
+        AuthoredMesh(path="/Ball/Mesh", faces=FACES, rest=poses[0], points=poses),
+        AuthoredMesh(path="/Set/Chair", faces=chair[1], rest=chair[0]),
+    ]
+    path = tmp_path / "a.usda"
+    write_animation(path, meshes, times=np.arange(frames).astype(float))
+    found = run("check", path, "--json", "-")
+    assert "set that does not move: /Set/Chair" in found.err
+    counts = found.json["summary"]
+    told = frames >= ReferenceOptions().least
+    assert (counts["pairs_before"] == 0) == (counts["modelled_pairs_before"] > 0) == told
+    assert found.code == (0 if told else 1)
+    assert ("/Set/Chair part 1 with /Set/Chair part 2" in found.err) == told
+    repaired = run("repair", path, "-o", tmp_path / "b.usdc", "--report", "-")
+    assert repaired.json["summary"]["pairs_before"] == 0
 
 
 @pytest.mark.parametrize("at", TIMES)

@@ -137,8 +137,8 @@ class PlacedMeshes:
         if side.part > most:
             numbers = f"a number from 1 to {most}" if most > 1 else "no number, as it is one part"
             raise UsageError(
-                f"attach or detach: {self.source.meshes[side.mesh].path} part {side.part}: expected "
-                f"{numbers}; check --modelled and reports name the parts of a mesh"
+                f"attach or detach: {self.source.meshes[side.mesh].path} part {side.part}: "
+                f"expected {numbers}; check --modelled and reports name the parts of a mesh"
             )
 
     def _of(self, side: Side) -> BoolArray:

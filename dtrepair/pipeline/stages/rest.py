@@ -62,8 +62,8 @@ def choose_rests(source: Source, option: str | None, *, device: str) -> list[Res
     return [replace(rest, named=True) for rest in rests]
 
 
-# Of what is left alone nobody asks which of its contacts were modelled.
-_FINE = ", and as it should be where its parts were modelled into each other"
+# What a repair leaves alone is not asked which of its contacts were modelled.
+_UNLESS_MODELLED = ", and as it should be where its parts were modelled into each other"
 
 
 def rest_warnings(
@@ -93,12 +93,12 @@ def rest_warnings(
     if still:
         yield (
             f"colliders that intersect themselves: {listed(still)}; as a collider never moves, "
-            f"that is neither repaired nor counted{_FINE}"
+            f"that is neither repaired nor counted{_UNLESS_MODELLED}"
         )
     if stiff:
         yield (
             f"rigid, and intersect themselves: {listed(stiff)}; as a rigid thing keeps its shape, "
-            f"that is neither repaired nor counted{_FINE}"
+            f"that is neither repaired nor counted{_UNLESS_MODELLED}"
         )
     if faulty:
         yield (

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dtrepair.intersect.topology.components import link_labels
 from dtrepair.numerics.geometry import FloatArray, IntArray, cross, lengths, unit_vectors
 from dtrepair.numerics.operators import WORK_A_ROW
 from dtrepair.numerics.work import add_work
@@ -28,6 +29,7 @@ class PartingOptions:
 
     Args:
         most: Of more pairs than this none is led apart: they are no crease.
+        most_in_all: Of more groups than have so many pairs in all none is led apart.
         rounds: At most so many steps.
         rings: What moves reaches so many rings of edges beyond the pairs.
         beyond: How far apart a pair is led, mean edge lengths.
@@ -35,6 +37,7 @@ class PartingOptions:
     """
 
     most: int = 40
+    most_in_all: int = 200
     rounds: int = 20
     rings: int = 2
     beyond: float = 0.02
@@ -79,14 +82,26 @@ def parted(
     points: FloatArray,
     known: Defects,
     *,
+    some: bool = False,
     options: PartingOptions = PartingOptions(),
 ) -> tuple[FloatArray, Defects] | None:
     """Return the pose (V, 3) with the crossings of `known` led apart, and its defects.
 
     None where they are too many, have no area at all, do not come apart, or others fold over.
+    some: where not all come apart at once, those groups of them are led apart that do.
     """
-    if not 0 < len(known.crossings) <= options.most:
-        return None
+    count, found = len(known.crossings), None
+    if 0 < count <= options.most:
+        found = _parted(surface, points, known, options)
+    if found is None and some and 0 < count <= options.most_in_all:
+        return _some_parted(surface, points, known, options)
+    return found
+
+
+def _parted(
+    surface: Surface, points: FloatArray, known: Defects, options: PartingOptions
+) -> tuple[FloatArray, Defects] | None:
+    """Return the pose (V, 3) with all crossings of `known` led apart, and its defects."""
     start, folds, defects = points, len(known.folds), known
     for _ in range(options.rounds):
         pairs = defects.crossings
@@ -108,3 +123,25 @@ def parted(
         if len(defects.crossings) == 0:
             return (points, defects) if len(defects.folds) <= folds else None
     return None
+
+
+def _some_parted(
+    surface: Surface, points: FloatArray, known: Defects, options: PartingOptions
+) -> tuple[FloatArray, Defects] | None:
+    """Return the pose (V, 3) with groups of crossings led apart, each for itself."""
+    left, groups = known, _groups(surface, known.crossings, options.rings)
+    for group in groups if len(groups) > 1 else []:
+        own = left._replace(crossings=group)
+        if len(group) <= options.most and (found := _parted(surface, points, own, options)):
+            after = update_defects(surface, left, found[0], (found[0] != points).any(axis=1))
+            if after.rank < left.rank:
+                points, left = found[0], after
+    return None if left is known else (points, left)
+
+
+def _groups(surface: Surface, pairs: IntArray, rings: int) -> list[IntArray]:
+    """Split pairs (K, 2) of triangles where nothing within so many rings of edges connects them."""
+    near = surface.dilate(surface.vertices_of(pairs), rings)
+    links = np.concatenate([surface.edges_within(near), surface.faces[pairs, 0]])
+    label = link_labels(links, surface.count)[surface.faces[pairs[:, 0], 0]]
+    return [pairs[label == own] for own in np.unique(label)]

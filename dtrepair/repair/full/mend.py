@@ -67,7 +67,7 @@ def mend(
         known = surface.contacts.pairs(pose)
         apart = _parted(surface, original, pose, known, options.parting)
         if apart is not None:
-            return apart
+            return apart[0]
         for near in options.near:
             pushed = push(
                 surface, pose, near=near, step=step, known_pairs=known, options=options.push
@@ -82,14 +82,15 @@ def mend(
             if len(filled.defects.crossings) > limit:
                 break
     assert best is not None
-    apart = _parted(surface, original, best.points, best.defects.crossings, options.parting)
+    pose, known = best.points, best.defects.crossings
+    apart = _parted(surface, original, pose, known, options.parting, some=True)
     if apart is not None:
-        return apart
-    if alone is not None:
+        pose, known = apart
+    if alone is not None and len(known):
         cold = alone(surface, original)
-        if len(surface.contacts.pairs(cold)) < len(best.defects.crossings):
+        if len(surface.contacts.pairs(cold)) < len(known):
             return cold
-    return best.points
+    return pose
 
 
 def _parted(
@@ -98,13 +99,18 @@ def _parted(
     pose: FloatArray,
     pairs: IntArray,
     options: PartingOptions,
-) -> FloatArray | None:
-    """Return a pose (V, 3) with few `pairs` (K, 2) led apart by the least motion; None if not."""
-    if not 0 < len(pairs) <= options.most:
+    *,
+    some: bool = False,
+) -> tuple[FloatArray, IntArray] | None:
+    """Return a pose (V, 3) with (some of) few `pairs` (K, 2) led apart, and what is left of them.
+
+    None where that fails.
+    """
+    if not 0 < len(pairs) <= (options.most_in_all if some else options.most):
         return None
     known = Defects(pairs, surface.contacts.folds(pose))
-    found = parted(surface, pose, known, options=options)
+    found = parted(surface, pose, known, some=some, options=options)
     # What only moves as a whole is not led apart by vertices.
     if found is None or (surface.rigid.fitted(original, found[0]) != found[0]).any():
         return None
-    return found[0]
+    return found[0], found[1].crossings

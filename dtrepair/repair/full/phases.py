@@ -131,9 +131,10 @@ class Phases:
 
         Where what is left concerns few of the bodies, it is insisted on at once.
         """
-        best: Candidate | None = self._parted()
+        best = self._led_apart(Candidate(self.original, self.known, 0.0, self.options.near[-1]))
         if best is not None and best.distortion < self.options.parted:
             return best
+        self.candidates += [] if best is None else [best]
         apart: Candidate | None = None
         for step in self.options.first_steps:
             candidate = self.run(step)
@@ -150,7 +151,8 @@ class Phases:
         assert best is not None
         if not (best.clean or self.worked_enough):
             best = self._insisted(best, apart)
-        return best if apart is None or best.rank <= apart.rank else apart
+        best = best if apart is None or best.rank <= apart.rank else apart
+        return self._led_apart(best, some=True) or best
 
     def _insisted(self, best: Candidate, apart: Candidate | None) -> Candidate:
         """Insist on limbs led apart if they keep far less than the best does, else on that.
@@ -181,22 +183,26 @@ class Phases:
         self._begun += work_done() - begun
         return found
 
-    def _parted(self) -> Candidate | None:
-        """Return the pose whose few crossings are led apart by the least motion, if they can be."""
-        start = time.perf_counter()
-        found = self._parted_from(self.original, self.known)
+    def _led_apart(self, start: Candidate, *, some: bool = False) -> Candidate | None:
+        """Return a pose with (some of) its few crossings led apart, if they can be.
+
+        some: not before all else has ended, or it only changes which way that takes.
+        """
+        begun = time.perf_counter()
+        found = self._parted_from(start.points, start.defects, some=some)
         if found is None:
             return None
         points, left = found
-        value = self.log.add("part", points, start, folds=len(left.folds))
-        self.candidates.append(Candidate(points, left, value, self.options.near[-1]))
-        return self.candidates[-1]
+        value = self.log.add("part", points, begun, folds=len(left.folds))
+        return start._replace(points=points, defects=left, distortion=value)
 
-    def _parted_from(self, points: FloatArray, known: Defects) -> tuple[FloatArray, Defects] | None:
-        """Return a pose (V, 3) with its few crossings led apart; None where that is no way."""
+    def _parted_from(
+        self, points: FloatArray, known: Defects, *, some: bool = False
+    ) -> tuple[FloatArray, Defects] | None:
+        """Return a pose (V, 3) with (some of) its few crossings led apart; None if that fails."""
         if self.steering:
             return None
-        found = parted(self.surface, points, known, options=self.options.parting)
+        found = parted(self.surface, points, known, some=some, options=self.options.parting)
         within = found is not None and np.array_equal(self.limited(found[0]), found[0])
         return found if within else None
 
@@ -263,7 +269,8 @@ class Phases:
         defects = find_defects(self.surface, points)
         value = distortion(self.original, points, self.surface.edges)
         self.candidates.append(Candidate(points, defects, value, self.options.near[-1]))
-        return self.insist(self.candidates[-1])
+        best = self.insist(self.candidates[-1])
+        return self._led_apart(best, some=True) or best
 
     def _concerns_few(self, best: Candidate) -> bool:
         """Return whether what still crosses does not meet all bodies that are in contact."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,9 +11,13 @@ from hypothesis import strategies as st
 
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.geometry import FloatArray, lengths
+from dtrepair.numerics.metrics import distortion
 from dtrepair.repair.elastic.parting import PartingOptions, least_overlaps, parted
-from dtrepair.repair.full.mend import mend
+from dtrepair.repair.full.biharmonic_fill import FillOptions
+from dtrepair.repair.full.mend import MendOptions, mend
 from dtrepair.repair.full.method import FullMethod
+from dtrepair.repair.full.phases import PhaseOptions, Phases
+from dtrepair.repair.full.push import PushOptions
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import BodyRange, Surface
 from tests.meshes import elbow, joined
@@ -100,13 +106,73 @@ def test_two_bodies_come_apart_and_a_rigid_one_keeps_its_place() -> None:
 ROOF = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [0, 0, 0.5]], dtype=np.float64)
 ROOF_FACES = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], dtype=np.int32)
 BACK = ROOF_FACES[:, ::-1].copy()
+# Corners of two triangles.
+LINE = np.array([[3, 0, 0], [3.5, 0, 0], [4, 0, 0], [3.2, 0, 0], [3.7, 0, 0], [4.2, 0, 0]])
 
 
 def test_triangles_without_area_are_left_to_others() -> None:
     """Of two on one line nothing tells where they come apart."""
-    line = np.array([[3, 0, 0], [3.5, 0, 0], [4, 0, 0], [3.2, 0, 0], [3.7, 0, 0], [4.2, 0, 0]])
-    points, faces = joined((ROOF, ROOF_FACES), (line, FACES))
+    points, faces = joined((ROOF, ROOF_FACES), (LINE, FACES))
     surface = Surface(points, faces)
     known = find_defects(surface, surface.rest)
     assert len(known.crossings) == 1
     assert parted(surface, surface.rest, known) is None
+
+
+def crease_and_line() -> tuple[Surface, FloatArray]:
+    """A crease that comes apart, and apart from it triangles on one line, which do not."""
+    rest, faces = elbow(0.0, along=10, around=8)
+    alone, pose = creased()
+    line, own = joined((ROOF, ROOF_FACES), (LINE, FACES))
+    line += [9.0 * alone.size, 0.0, 0.0]
+    surface = Surface(*joined((rest, faces), (line, own)))
+    return surface, np.concatenate([pose * alone.size, line]) / surface.size
+
+
+def test_where_one_group_stays_the_other_comes_apart() -> None:
+    surface, pose = crease_and_line()
+    known = find_defects(surface, pose)
+    assert parted(surface, pose, known) is None
+    found = parted(surface, pose, known, some=True)
+    assert found is not None
+    points, left = found
+    assert len(left.crossings) == 1 < len(known.crossings)
+    assert left.crossings.tolist() == surface.contacts.pairs(points).tolist()
+    moved = (points != pose).any(axis=1)
+    assert moved.any() and not moved[-len(ROOF) - len(LINE) :].any()
+
+
+def test_groups_are_left_alone_where_too_many_or_connected() -> None:
+    surface, pose = crease_and_line()
+    known = find_defects(surface, pose)
+    for few in (PartingOptions(most_in_all=len(known.crossings) - 1), PartingOptions(most=0)):
+        assert parted(surface, pose, known, options=few, some=True) is None
+    # One pair is the most that a group has which stays; the crease is no longer too large.
+    found = parted(
+        surface, pose, known, options=PartingOptions(most=len(known.crossings) - 1), some=True
+    )
+    assert found is not None and len(found[1].crossings) == 1
+    # Within so many rings all of it is one.
+    points, faces = joined((ROOF, ROOF_FACES), (LINE, FACES))
+    one = Surface(points, faces)
+    assert parted(one, one.rest, find_defects(one, one.rest), some=True) is None
+
+
+def test_all_that_comes_apart_together_does() -> None:
+    surface, pose = creased()
+    known = find_defects(surface, pose)
+    whole, grouped = parted(surface, pose, known), parted(surface, pose, known, some=True)
+    assert whole is not None and grouped is not None
+    assert np.array_equal(whole[0], grouped[0])
+
+
+def test_what_pushing_and_filling_leave_comes_apart_in_groups() -> None:
+    surface, pose = crease_and_line()
+    still, none = PushOptions(iterations=0), FillOptions(rounds=0)
+    numbers = PhaseOptions(push=still, fill=none, last_fill=none)
+    mended = mend(surface, pose, [pose], step=0.01, options=MendOptions(push=still, fill=none))
+    assert len(surface.contacts.pairs(mended)) == 1
+    for way in (Phases.best, partial(Phases.insist_from, points=pose)):
+        found = way(Phases(surface, pose, options=numbers))
+        assert len(found.defects.crossings) == 1 == len(surface.contacts.pairs(found.points))
+        assert found.distortion == pytest.approx(distortion(pose, found.points, surface.edges))

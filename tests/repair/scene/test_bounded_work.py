@@ -50,7 +50,8 @@ def test_attached_parts_that_keep_few_pairs_are_relaxed_as_well(attached: bool) 
     _, frame, mesh = winged(1.6, attached=attached)
     pose, contacts = mesh.reduced(frame.centred), mesh.surface.contacts
     # A short push leaves a few pairs.
-    phases = PhaseOptions(near=(0,), push=PushOptions(iterations=6 if attached else 4))
+    short, never = PushOptions(iterations=6 if attached else 4), PartingOptions(most=0)
+    phases = PhaseOptions(near=(0,), push=short, parting=never)
     found = []
     for most, share in ((0, 1.0), (100, 0.0), (100, 1.0)):
         options = FullOptions(left_attached=most, left_share=share, phases=phases)

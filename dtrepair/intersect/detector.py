@@ -262,18 +262,18 @@ class Detector:
         """
         from dtrepair.intersect.predicates import Zones
 
-        part, told = np.zeros(0, dtype=np.int32), np.zeros((0, 0), dtype=np.uint8)
+        part, third = np.zeros(0, dtype=np.int32), np.zeros((0, 0), dtype=np.uint8)
         towards, result = np.zeros((0, 0), dtype=np.uint64), Zones()
         bits = None if attachments is None else attachments.zone_bits
         if attachments is not None and bits is not None and self.tree is not None:
             order, count = self.tree.order, attachments.count
             part, towards = attachments.part_of[order].astype(np.int32), bits[order]
-            told = np.zeros((count, count), dtype=np.uint8)
-            first, second = np.divmod(attachments.told, count)
-            told[first, second] = told[second, first] = 1
+            third = np.zeros((count, count), dtype=np.uint8)
+            first, second = np.divmod(attachments.by_third, count)
+            third[first, second] = third[second, first] = 1
         result.part = self._there.array(part, self._warp.int32)
         result.towards = self._there.array(towards, self._warp.uint64)
-        result.told = self._there.array(told, self._warp.uint8)
+        result.by_third = self._there.array(third, self._warp.uint8)
         return result
 
     @property

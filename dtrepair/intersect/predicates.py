@@ -212,13 +212,13 @@ def classify(
 class Zones:
     """Contacts that were modelled, in leaf order; of no triangles if there are none.
 
-    part: the part of each triangle; towards: bits of the parts towards which it has zones; told:
-    whether no third part tells anything of two.
+    part: the part of each triangle; towards: bits of the parts towards which it has zones;
+    by_third: whether a third part tells anything of two.
     """
 
     part: wp.array(dtype=wp.int32)
     towards: wp.array2d(dtype=wp.uint64)
-    told: wp.array2d(dtype=wp.uint8)
+    by_third: wp.array2d(dtype=wp.uint8)
 
 
 @wp.func
@@ -231,7 +231,7 @@ def is_modelled(i: int, j: int, zones: Zones) -> bool:
     there = zones.towards[i, b >> 6] >> wp.uint64(b & 63)
     back = zones.towards[j, a >> 6] >> wp.uint64(a & 63)
     shared = there & back & wp.uint64(1)
-    if a != b and zones.told[a, b] == wp.uint8(0):
+    if zones.by_third[a, b] != wp.uint8(0):
         for k in range(zones.towards.shape[1]):
             shared = shared | (zones.towards[i, k] & zones.towards[j, k])
     return shared != wp.uint64(0)

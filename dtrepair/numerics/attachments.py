@@ -3,8 +3,9 @@
 An arm ends inside a sleeve, a ball sits in its socket, an eye in its head: such parts overlap in
 the bind pose on purpose. Around every such overlap each of the two parts has a zone. A pair of
 triangles is a modelled contact where both lie in the zones of the same two parts, or, for parts
-that are attached to one third part and not to each other, both in their zones towards that part;
-but for what lies in the other: a ring does not make a hand come through its glove.
+that are attached to one third part and not to each other, both in their zones towards that part,
+if its own zones towards the two are near each other: two shoes do not meet on one body. But not
+for what lies in the other: a ring does not make a hand come through its glove.
 """
 
 from __future__ import annotations
@@ -64,43 +65,6 @@ def telling(
     """
     chosen = [own for own in references if auto or own.asked]
     return [own for own in chosen if turns or own.asked or not own.turned]
-
-
-def shown_by_slides(
-    references: Sequence[Reference],
-    part_of: IntArray,
-    still: KeyArray,
-    *,
-    share: float,
-) -> list[list[tuple[int, int]]]:
-    """Return for each reference that slid the pairs of parts, A < B, whose zones it shows.
-
-    One of the two meets the other where it did at rest; of those that turned, more than a `share`
-    of their contact is elsewhere in some pose. part_of: the part (F,) of each triangle; still:
-    zone keys of poses in which nothing has moved on.
-    """
-    count = int(part_of.max(initial=-1)) + 1
-    result: list[list[tuple[int, int]]] = []
-    left: dict[tuple[int, int], float] = {}
-    for reference in references:
-        sides = part_of[reference.pairs].astype(np.int64)
-        both = np.sort(sides, axis=1)
-        inside = np.isin(reference.pairs.astype(np.int64) * count + sides[:, ::-1], still)
-        found = []
-        for first, second in np.unique(both, axis=0).tolist():
-            if first == second:
-                continue
-            own = (both == (first, second)).all(axis=1)
-            known, of_first = inside[own], sides[own] == first
-            gone = float(1.0 - known.all(axis=1).mean())
-            left[first, second] = max(left.get((first, second), 0.0), gone)
-            if known[of_first].all() or known[~of_first].all():
-                found.append((first, second))
-        result.append(found)
-    return [
-        [own for own in found if not reference.turned or left[own] > share]
-        for reference, found in zip(references, result, strict=True)
-    ]
 
 
 def distinct_keys(keys: Sequence[KeyArray]) -> KeyArray:
@@ -166,6 +130,17 @@ def distances(ties: Ties, points: FloatArray, faces: IntArray) -> FloatArray:
     return lengths(points[ties.vertices] - places)
 
 
+def zone_rows(keys: KeyArray, triangles: int, parts: int) -> sparse.csr_matrix:
+    """Return the matrix (F, P) that is true where a triangle has a zone towards a part.
+
+    keys: sorted, triangle x number of parts + part.
+    """
+    shape = triangles, max(parts, 1)
+    start = np.searchsorted(keys, np.arange(shape[0] + 1, dtype=np.int64) * shape[1])
+    entries = np.ones(len(keys), dtype=bool), keys % shape[1], start
+    return sparse.csr_matrix(entries, shape=shape)
+
+
 class Attachments:
     """Which contacts were modelled, by triangles; nothing in it ever changes.
 
@@ -174,8 +149,7 @@ class Attachments:
         zones: Sorted keys, triangle x number of parts + other part, of the zones.
         ties: What holds the parts together.
         carried: Ties of what need not touch to be carried along, see `hidden_ends`.
-        nested: Sorted keys, A x number of parts + B, A < B, of parts of which a third one tells
-            nothing: one lies in the other, or they are known not to be attached.
+        by_third: Sorted keys, A x number of parts + B, A < B, of parts of which a third one tells.
         sliding: Pairs of parts, A < B, that slide in each other, as a piston does.
     """
 
@@ -185,20 +159,20 @@ class Attachments:
         zones: KeyArray,
         ties: Ties,
         carried: Ties = NO_TIES,
-        nested: KeyArray = NO_KEYS,
+        by_third: KeyArray = NO_KEYS,
         sliding: Parts = frozenset(),
     ) -> None:
         self.part_of = part_of
         self.count = int(part_of.max(initial=-1)) + 1
         self.zones = zones
         self.ties = ties
-        self.carried, self.nested, self.sliding = carried, nested, sliding
+        self.carried, self.by_third, self.sliding = carried, by_third, sliding
 
     def same_zones(self, other: Attachments | None) -> bool:
         """Return whether others model the same contacts."""
         return other is not None and all(
             np.array_equal(own, known)
-            for own, known in ((self.zones, other.zones), (self.nested, other.nested))
+            for own, known in ((self.zones, other.zones), (self.by_third, other.by_third))
         )
 
     def holding(self, kept: BoolArray) -> Attachments:
@@ -212,9 +186,7 @@ class Attachments:
         return self._with(self.ties, carried)
 
     def _with(self, ties: Ties, carried: Ties) -> Attachments:
-        result = Attachments(self.part_of, self.zones, ties, carried, self.nested, self.sliding)
-        result.count = self.count
-        return result
+        return self._of(self.part_of, self.zones, ties, carried)
 
     @property
     def tied(self) -> bool:
@@ -262,8 +234,7 @@ class Attachments:
         parts = self.part_of[pairs[own]].astype(np.int64)
         found = self._in_zones(first, parts[:, 1]) & self._in_zones(second, parts[:, 0])
         low, high = parts.min(axis=1), parts.max(axis=1)
-        # Of parts that are attached to each other, or nested, no third one tells anything.
-        loose = np.flatnonzero((low != high) & ~np.isin(low * self.count + high, self.told))
+        loose = np.flatnonzero(np.isin(low * self.count + high, self.by_third))
         found[loose] |= self._share_a_zone(first[loose], second[loose])
         result[own] = found
         return result
@@ -292,17 +263,7 @@ class Attachments:
 
     @cached_property
     def _zone_rows(self) -> sparse.csr_matrix:
-        """The matrix (F, P) with 1 where a triangle has a zone towards a part."""
-        shape = len(self.part_of), max(self.count, 1)
-        start = np.searchsorted(self.zones, np.arange(shape[0] + 1, dtype=np.int64) * shape[1])
-        entries = np.ones(len(self.zones), dtype=np.uint8), self.zones % shape[1], start
-        return sparse.csr_matrix(entries, shape=shape)
-
-    @cached_property
-    def told(self) -> KeyArray:
-        """Pairs of parts that are attached or nested, as keys A x number of parts + B, A < B."""
-        pairs = np.array(self.pairs_of_parts, dtype=np.int64).reshape(-1, 2)
-        return distinct_keys([pairs[:, 0] * self.count + pairs[:, 1], self.nested])
+        return zone_rows(self.zones, len(self.part_of), self.count)
 
     def of_triangles(self, kept: NDArray[np.integer], place: NDArray[np.integer]) -> Attachments:
         """Return the same for a mesh of some of the triangles (N,), ascending, numbered anew.
@@ -314,8 +275,11 @@ class Attachments:
         triangle = number[self.zones // max(self.count, 1)]
         zones = (triangle * self.count + self.zones % max(self.count, 1))[triangle >= 0]
         ties, carried = (own.of_triangles(number, place) for own in (self.ties, self.carried))
-        found = self.part_of[kept], zones, ties, carried
-        result = Attachments(*found, self.nested, self.sliding)
+        return self._of(self.part_of[kept], zones, ties, carried)
+
+    def _of(self, part_of: IntArray, zones: KeyArray, ties: Ties, carried: Ties) -> Attachments:
+        """Return others of the same parts."""
+        result = Attachments(part_of, zones, ties, carried, self.by_third, self.sliding)
         result.count = self.count
         return result
 

@@ -19,24 +19,24 @@ def _soup(seed: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     return corners.reshape(-1, 3), np.arange(3 * TRIANGLES, dtype=np.int32).reshape(-1, 3)
 
 
-def _attachments(seed: int, parts: int, zones: float, nested: float) -> Attachments:
-    """Return random parts with a share of all zones, and of pairs that are nested."""
+def _attachments(seed: int, parts: int, zones: float, third: float) -> Attachments:
+    """Return random parts with a share of all zones, and of pairs that a third part tells of."""
     rng = np.random.default_rng(seed)
     part_of = rng.integers(parts, size=TRIANGLES).astype(np.int32)
     part_of[0] = parts - 1
     keys = np.flatnonzero(rng.uniform(size=TRIANGLES * parts) < zones)
-    both = np.triu(rng.uniform(size=(parts, parts)) < nested, 1)
-    return Attachments(part_of, keys, NO_TIES, nested=np.flatnonzero(both))
+    both = np.triu(rng.uniform(size=(parts, parts)) < third, 1)
+    return Attachments(part_of, keys, NO_TIES, by_third=np.flatnonzero(both))
 
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(
-    ("parts", "zones", "nested"),
-    [(3, 0.3, 0.0), (12, 0.2, 0.3), (70, 0.2, 0.8), (150, 0.15, 0.9), (4, 0.0, 0.0)],
+    ("parts", "zones", "third"),
+    [(3, 0.3, 1.0), (12, 0.2, 0.7), (70, 0.2, 0.2), (150, 0.15, 0.1), (4, 0.0, 1.0)],
 )
-def test_pairs_without_modelled_ones(seed: int, parts: int, zones: float, nested: float) -> None:
+def test_pairs_without_modelled_ones(seed: int, parts: int, zones: float, third: float) -> None:
     points, faces = _soup(seed)
-    attachments = _attachments(seed, parts, zones, nested)
+    attachments = _attachments(seed, parts, zones, third)
     detector = Detector(points, faces)
     every, known = detector(points), detector.zones_of(attachments)
     modelled = attachments.modelled(every)
@@ -55,7 +55,7 @@ def test_pairs_without_modelled_ones(seed: int, parts: int, zones: float, nested
 
 def test_parts_too_many_for_bits_leave_all_pairs() -> None:
     points, faces = _soup(0)
-    attachments = _attachments(0, 64 * MOST_WORDS + 1, 0.1, 0.0)
+    attachments = _attachments(0, 64 * MOST_WORDS + 1, 0.1, 1.0)
     detector = Detector(points, faces)
     found = detector(points, zones=detector.zones_of(attachments))
     assert np.array_equal(found, detector(points))

@@ -37,8 +37,7 @@ def grown(
         limit = reach * float(np.sqrt(dots(centred, centred).mean()))
         if least is not None:
             limit = max(limit, float(least[own].mean()))
-        distance = csgraph.dijkstra(graph, indices=own, min_only=True, limit=limit)
-        zone |= np.isfinite(distance)
+        zone |= within(graph, own, limit)
     return zone
 
 
@@ -48,3 +47,9 @@ def ringed(graph: sparse.csr_matrix, seeds: BoolArray, rings: int) -> BoolArray:
     for _ in range(rings):
         zone[graph[np.flatnonzero(zone)].indices] = True
     return zone
+
+
+def within(graph: sparse.csr_matrix, seeds: NDArray[np.integer], limit: float) -> BoolArray:
+    """Return the vertices (V,) that are no farther from seeds (N,) than a limit, along edges."""
+    distance = csgraph.dijkstra(graph, indices=seeds, min_only=True, limit=limit)
+    return np.asarray(np.isfinite(distance))

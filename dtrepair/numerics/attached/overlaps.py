@@ -7,19 +7,20 @@ connected to them, are the seeds of an overlap; its zone is grown from them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.sparse import csgraph
 
 from dtrepair.numerics.attached.apart import keys_apart, keys_of_parts, without_ties_of
 from dtrepair.numerics.attached.attachment_options import AttachmentOptions
-from dtrepair.numerics.attached.growth import grown, ringed
+from dtrepair.numerics.attached.growth import grown, ringed, within
 from dtrepair.numerics.attached.hems import clear_of_hems
 from dtrepair.numerics.attached.hidden_ends import hidden_ends
+from dtrepair.numerics.attached.posed_parts import PosedParts
+from dtrepair.numerics.attached.slides import shown_by_slides
+from dtrepair.numerics.attached.third_parts import keys_by_third
 from dtrepair.numerics.attachments import (
     NO_KEYS,
     NO_TIES,
@@ -28,22 +29,14 @@ from dtrepair.numerics.attachments import (
     Ties,
     distinct_keys,
     joined_ties,
-    shown_by_slides,
     ties_to,
 )
-from dtrepair.numerics.closest_point import NearestTriangles, barycentric
-from dtrepair.numerics.enclosure import Dipoles
 from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
-    border_edges,
     components,
-    dots,
     extent,
     lengths,
-    triangle_areas,
-    unique_edges,
-    vector_areas,
 )
 
 BoolArray = NDArray[np.bool_]
@@ -72,7 +65,7 @@ def find_attachments(
     place = np.unique(components(faces, count)[faces], return_inverse=True)[1]
     part_of_vertex[faces] = place.reshape(faces.shape)
     part_of = part_of_vertex[faces[:, 0]]
-    keys, ties, carried = [NO_KEYS], [NO_TIES], [NO_TIES]
+    keys, around, ties, carried = [NO_KEYS], [NO_KEYS], [NO_TIES], [NO_TIES]
     nested, sliding = set[Both](), set[Both]()
     for reference in references:
         if not reference.shows_all:
@@ -81,10 +74,11 @@ def find_attachments(
         towards: dict[Both, IntArray] = {}
         for first, second in overlaps.attached():
             both = (first, second), (second, first)
-            for own, (zone_keys, tie) in zip(both, overlaps.zones(first, second), strict=True):
-                keys.append(zone_keys)
-                ties.append(tie)
-                towards[own] = np.unique(faces[zone_keys // overlaps.parts])
+            for own, side in zip(both, overlaps.sides(first, second), strict=True):
+                keys.append(side.zone)
+                around.append(side.around)
+                ties.append(side.ties)
+                towards[own] = np.unique(faces[side.zone // overlaps.parts])
         nested |= overlaps.nested(towards)
         if reference.bound is not None:
             held = reference.points, faces, part_of, reference.bound
@@ -96,13 +90,23 @@ def find_attachments(
             sliding.update(parts)
             if parts:
                 overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
-                keys += [zone for both in parts for zone, _ in overlaps.zones(*both)]
+                sides = [side for both in parts for side in overlaps.sides(*both)]
+                keys += [side.zone for side in sides]
+                around += [side.around for side in sides]
+    zones = distinct_keys(keys)
     apart = keys_apart(references, part_of)
-    inside = np.array(sorted(nested), dtype=np.int64).reshape(-1, 2)
-    alone = distinct_keys([keys_of_parts(inside, part_of), apart])
+    inside = keys_of_parts(np.array(sorted(nested), dtype=np.int64).reshape(-1, 2), part_of)
+    third = keys_by_third(zones, distinct_keys(around), part_of, [inside, apart])
     hidden = without_ties_of(joined_ties(carried), part_of_vertex, part_of, apart)
-    found = distinct_keys(keys), joined_ties(ties), hidden
-    return Attachments(part_of, *found, alone, frozenset(sliding))
+    return Attachments(part_of, zones, joined_ties(ties), hidden, third, frozenset(sliding))
+
+
+class _Side(NamedTuple):
+    """One part of two that are attached: keys of its zone, and of what is around it; its ties."""
+
+    zone: KeyArray
+    around: KeyArray
+    ties: Ties
 
 
 class _Seeds(NamedTuple):
@@ -118,7 +122,7 @@ class _Seeds(NamedTuple):
     whole: bool
 
 
-class _Overlaps:
+class _Overlaps(PosedParts):
     """The overlaps of the parts of one reference pose."""
 
     def __init__(
@@ -129,94 +133,60 @@ class _Overlaps:
         reference: Reference,
         options: AttachmentOptions,
     ) -> None:
-        self.faces, self.part_of_vertex, self.part_of = faces, part_of_vertex, part_of
-        self.points, self.options = reference.points, options
-        self.parts = int(part_of.max(initial=-1)) + 1
+        super().__init__(
+            reference.points,
+            faces,
+            part_of_vertex,
+            part_of,
+            cells=options.cells,
+            enclosed=options.enclosed,
+        )
+        self.options = options
         between = part_of[reference.pairs]
         crossing = between[:, 0] != between[:, 1]
         self.pairs = reference.pairs[crossing]
         sides = np.sort(between[crossing], axis=1).astype(np.int64)
         self.key_of_pair = sides[:, 0] * self.parts + sides[:, 1]
-        edges = unique_edges(faces)
-        length = lengths(self.points[edges[:, 0]] - self.points[edges[:, 1]])
-        both = np.concatenate([edges, edges[:, ::-1]])
-        weights = np.concatenate([length, length]) + np.finfo(np.float32).tiny
-        shape = (len(part_of_vertex), len(part_of_vertex))
-        self.graph = sparse.csr_matrix((weights, (both[:, 0], both[:, 1])), shape=shape)
-        self.edge_length = np.full(len(part_of_vertex), 0.0)
-        np.maximum.at(self.edge_length, both[:, 0], np.concatenate([length, length]))
-        # A head has hundreds of lashes and locks.
-        self._trees: dict[int, NearestTriangles] = {}
-        self._dipoles: dict[int, Dipoles] = {}
-        order = np.argsort(part_of_vertex, kind="stable").astype(np.int32)
-        self._order = order
-        self._starts = np.searchsorted(part_of_vertex[order], np.arange(self.parts + 1))
-        self._face_order = np.argsort(part_of, kind="stable").astype(np.int32)
-        self._face_starts = np.searchsorted(part_of[self._face_order], np.arange(self.parts + 1))
-
-    @cached_property
-    def open(self) -> BoolArray:
-        """Which parts (P,) have a border."""
-        borders = border_edges(self.faces, len(self.points))
-        result = np.zeros(self.parts, dtype=bool)
-        result[self.part_of_vertex[self.faces.ravel()[borders[:, 0]]]] = True
-        return result
-
-    @cached_property
-    def normals(self) -> FloatArray:
-        """Vector area (V, 3) of the triangles around each vertex."""
-        areas = np.repeat(vector_areas(self.points, self.faces), 3, axis=0)
-        flat = self.faces.ravel()
-        columns = [np.bincount(flat, areas[:, k], len(self.points)) for k in range(3)]
-        return np.stack(columns, axis=1)
-
-    @cached_property
-    def areas(self) -> FloatArray:
-        """Area (P,) of each part."""
-        areas = triangle_areas(self.points, self.faces)
-        total = np.bincount(self.part_of, areas, minlength=self.parts)
-        return total.astype(np.float64)
 
     def attached(self) -> list[tuple[int, int]]:
         """Return the pairs of parts that intersect."""
         keys = np.unique(self.key_of_pair)
         return [(int(key // self.parts), int(key % self.parts)) for key in keys]
 
-    def vertices(self, part: int) -> IntArray:
-        """Return the vertices of a part, ascending."""
-        return self._order[self._starts[part] : self._starts[part + 1]]
-
-    def triangles(self, part: int) -> IntArray:
-        """Return the triangles of a part, ascending."""
-        return self._face_order[self._face_starts[part] : self._face_starts[part + 1]]
-
-    def _corners(self, part: int) -> FloatArray:
-        """Return the corners (N, 3, 3) of the triangles of a part."""
-        return np.asarray(self.points[self.faces[self.triangles(part)]])
-
-    def _tree(self, part: int) -> NearestTriangles:
-        if part not in self._trees:
-            self._trees[part] = NearestTriangles(self._corners(part))
-        return self._trees[part]
-
-    def zones(self, first: int, second: int) -> list[tuple[KeyArray, Ties]]:
-        """Return the zone keys and ties of both parts of an attached pair."""
+    def sides(self, first: int, second: int) -> list[_Side]:
+        """Return the zones and ties of both parts of an attached pair."""
         own = self.pairs[self.key_of_pair == first * self.parts + second]
         both = (first, second), (second, first)
         seeds = {part: self._seeds(part, other, own) for part, other in both}
-        whole = any(found.whole for found in seeds.values())
         found = []
         for part, other in both:
             triangles, of_part = self.triangles(part), seeds[part]
-            if not whole:
-                zone = self._grown(of_part.own)
-                near = self._grown(of_part.every, coarse=False)
-                near |= ringed(self.graph, of_part.every, self.options.rings)
-                corners = self.faces[triangles]
-                triangles = triangles[zone[corners].any(axis=1) & near[corners].all(axis=1)]
+            corners, zone = self.faces[triangles], np.ones(len(triangles), dtype=bool)
+            if seeds[other].whole:
+                zone = self._beside(of_part, corners, other)
+            elif not of_part.whole:
+                zone = self._zone(of_part, corners)
+            around = zone | self._within(of_part, corners, extent(self.points[of_part.every]))
             keys = triangles.astype(np.int64) * self.parts + other
-            found.append((keys, self._ties(np.flatnonzero(of_part.own & ~of_part.loose), other)))
+            ties = self._ties(np.flatnonzero(of_part.own & ~of_part.loose), other)
+            found.append(_Side(keys[zone], keys[around], ties))
         return found
+
+    def _zone(self, seeds: _Seeds, corners: IntArray) -> BoolArray:
+        """Return which triangles, by their corners (N, 3), are in the zone grown from seeds."""
+        zone = self._grown(seeds.own)
+        near = self._grown(seeds.every, coarse=False)
+        near |= ringed(self.graph, seeds.every, self.options.rings)
+        return np.asarray(zone[corners].any(axis=1) & near[corners].all(axis=1))
+
+    def _beside(self, seeds: _Seeds, corners: IntArray, other: int) -> BoolArray:
+        """Return which triangles are in the zone towards what is attached as a whole."""
+        reach = self.options.around * extent(self.points[self.vertices(other)])
+        return self._zone(seeds, corners) | self._within(seeds, corners, reach)
+
+    def _within(self, seeds: _Seeds, corners: IntArray, reach: float) -> BoolArray:
+        near = within(self.graph, np.flatnonzero(seeds.every), reach)
+        return np.asarray(near[corners].any(axis=1))
 
     def nested(self, towards: dict[Both, IntArray]) -> set[Both]:
         """Return the parts, A < B, that meet a third one and of which one lies in the other.
@@ -230,7 +200,7 @@ class _Overlaps:
             for outer in largest[: self.options.garments].tolist():
                 if (outer, host) not in towards or (inner, outer) in towards or inner == outer:
                     continue
-                here = np.count_nonzero(np.isin(zone, self._behind(inner, outer)))
+                here = np.count_nonzero(np.isin(zone, self.behind(inner, outer)))
                 if here > self.options.nested * len(zone):
                     found.add((min(inner, outer), max(inner, outer)))
         return found
@@ -241,7 +211,7 @@ class _Overlaps:
         mask, loose = np.zeros((2, len(self.points)), dtype=bool)
         mask[corners[self.part_of_vertex[corners] == part]] = True
         touched = np.flatnonzero(mask)
-        behind = self._behind(part, other)
+        behind = self.behind(part, other)
         mask[behind] = True
         own = self.vertices(part)
         share = mask[own].mean()
@@ -286,36 +256,12 @@ class _Overlaps:
         met = np.zeros(len(self.points), dtype=bool)
         met[touched] = True
         near, points = self._grown(met)[behind], self.points[behind]
-        away = lengths(self._tree(other).nearest(points)[1] - points)
+        away = lengths(self.tree(other).nearest(points)[1] - points)
         usual = np.quantile(away[near], self.options.hangs) if near.any() else 0.0
         far = ~near & (away > usual)
         size, areas = extent(self.points[self.vertices(other)]), lengths(self.normals[behind])
         clear = clear_of_hems(near, far, away, areas, size, options=self.options.hems)
         return np.asarray(behind[far]), np.asarray(behind[clear])
-
-    def _behind(self, part: int, other: int) -> IntArray:
-        """Return the vertices of a part behind, or enclosed by, another one, within its box."""
-        own, triangles = self.vertices(part), self.triangles(other)
-        other_points = self.points[self.vertices(other)]
-        low, high = other_points.min(axis=0), other_points.max(axis=0)
-        points = self.points[own]
-        own = np.asarray(own[((points >= low) & (points <= high)).all(axis=1)])
-        if len(own) == 0:
-            return own
-        if not self.open[other]:
-            points = self.points[own]
-            nearest, closest = self._tree(other).nearest(points)
-            weights = barycentric(closest, self._tree(other).corners[nearest])
-            normals = self.normals[self.faces[triangles[nearest]]]
-            normal = np.einsum("ik,ikj->ij", weights, normals)
-            # Where a surface turns sharply such normals may have what is outside behind it.
-            own = np.asarray(own[dots(points - closest, normal) < 0.0])
-        if len(own) == 0:
-            return own
-        if other not in self._dipoles:
-            self._dipoles[other] = Dipoles(self._corners(other), self.options.cells)
-        around = np.abs(self._dipoles[other].enclose_closely(self.points[own]))
-        return np.asarray(own[around > self.options.enclosed])
 
     def _grown(self, seeds: BoolArray, *, coarse: bool = True) -> BoolArray:
         """Return the seeds (V,) grown over their part; coarse: by an edge at least."""
@@ -327,4 +273,4 @@ class _Overlaps:
         triangles = self.triangles(other)
         if len(seeds) == 0:
             return NO_TIES
-        return ties_to(self._tree(other), triangles, self.points, seeds)
+        return ties_to(self.tree(other), triangles, self.points, seeds)

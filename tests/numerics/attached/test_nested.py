@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.attached.attachment_options import AttachmentOptions
@@ -31,7 +32,7 @@ def around_the_middle(found: Attachments, mesh: Mesh) -> IntArray:
 def test_a_ring_does_not_make_a_hand_come_through_its_glove() -> None:
     finger, glove, ring = tube(16, 40, 0.1, 2.0), tube(20, 24, 0.12, 1.2), torus(24, 12, 0.11, 0.03)
     found, mesh = attachments_of(finger, glove, ring)
-    assert found.pairs_of_parts == [(0, 2), (1, 2)] and found.nested.tolist() == [1]
+    assert found.pairs_of_parts == [(0, 2), (1, 2)] and not len(found.by_third)
     across = around_the_middle(found, mesh)
     assert not found.modelled(across).any()
     # All that is made of it knows so, too.
@@ -41,15 +42,37 @@ def test_a_ring_does_not_make_a_hand_come_through_its_glove() -> None:
         found.carrying(found.carried),
         found.of_triangles(*every),
     ):
-        assert np.array_equal(other.nested, found.nested) and not other.modelled(across).any()
+        assert not len(other.by_third) and not other.modelled(across).any()
 
 
 def test_two_limbs_at_one_ball_are_modelled_contacts() -> None:
     limb = tube(16, 20, 0.1, 1.0)
     upper, lower = limb[0] + (0.0, 0.0, 0.55), limb[0] - (0.0, 0.0, 0.55)
     found, mesh = attachments_of((upper, limb[1]), (lower, limb[1]), icosphere(3, 0.14))
-    assert found.pairs_of_parts == [(0, 2), (1, 2)] and not len(found.nested)
-    assert found.modelled(around_the_middle(found, mesh)).any()
+    assert found.pairs_of_parts == [(0, 2), (1, 2)] and found.by_third.tolist() == [1]
+    across = around_the_middle(found, mesh)
+    # So know all that are made of it, without the ball, too.
+    limbs = np.flatnonzero(found.part_of != 2)
+    place = np.arange(len(mesh[0]))
+    for other in (
+        found,
+        found.holding(np.ones(len(found.ties.vertices), dtype=bool)),
+        found.carrying(found.carried),
+        found.of_triangles(limbs, place),
+    ):
+        assert np.array_equal(other.modelled(across), found.modelled(across))
+    assert found.modelled(across).any()
+
+
+@pytest.mark.parametrize(("apart", "modelled"), [(0.1, True), (1.0, False)])
+def test_rings_may_meet_where_they_are_beside_each_other(apart: float, modelled: bool) -> None:
+    arm, ring = tube(24, 80, 0.1, 3.0), torus(24, 12, 0.1, 0.03)
+    found, _ = attachments_of(arm, ring, (ring[0] + (0.0, 0.0, apart), ring[1]))
+    assert found.pairs_of_parts == [(0, 1), (0, 2)]
+    assert found.by_third.tolist() == ([5] if modelled else [])
+    first, second = (np.flatnonzero(found.part_of == part) for part in (1, 2))
+    meeting = np.stack([first, second], axis=1).astype(np.int32)
+    assert found.modelled(meeting).all() == modelled == found.modelled(meeting).any()
 
 
 def test_a_zone_without_vertices_lies_in_nothing() -> None:

@@ -2,7 +2,8 @@
 
 Two parts are attached where they intersect in a reference pose (the bind pose). Around the overlap
 each has a zone towards the other; a pair of triangles is modelled where both lie in the zones of
-the same two parts, or, for parts that are not attached, in their zones towards one common third.
+the same two parts, or, for parts that are not attached, in their zones towards one common third
+that has its own zones towards the two near each other.
 """
 
 from __future__ import annotations
@@ -31,11 +32,15 @@ WHOLE = 0.5  # share of a part, seeds and what is behind, from which the whole p
 
 @dataclass(frozen=True)
 class Side:
-    """One part of an attachment: welded vertices of the seeds (S,), mask of the zone (F,)."""
+    """One part of an attachment: welded vertices of the seeds (S,), mask of the zone (F,).
+
+    beside: what else is near (F,), as far beyond the seeds as these are long.
+    """
 
     part: int
     seeds: Ints
     zone: Mask
+    beside: Mask
 
 
 @dataclass(frozen=True)
@@ -91,8 +96,13 @@ def _attach_two(surface: Surface, points: Floats, pairs: Ints, a: int, b: int) -
     sides = []
     for own in (a, b):
         of_part = surface.part_of_face == own
-        zone = of_part if whole else of_part & _zone(surface, points, seeds[own])
-        sides.append(Side(own, seeds[own], zone))
+        zone = of_part.copy()
+        if not (whole and own == small):
+            zone &= _zone(surface, points, seeds[own])
+            if whole:
+                zone |= of_part & _near(surface, points, seeds[own], _length(points, seeds[small]))
+        beside = of_part & _near(surface, points, seeds[own], _length(points, seeds[own]))
+        sides.append(Side(own, seeds[own], zone, zone | beside))
     ties = [_tie(surface, points, seeds[own], other) for own, other in ((a, b), (b, a))]
     return Attachment((sides[0], sides[1]), join_ties(ties))
 
@@ -141,6 +151,18 @@ def _zone(surface: Surface, points: Floats, seeds: Ints) -> Mask:
     return np.asarray(reached[surface.faces].all(axis=1))
 
 
+def _length(points: Floats, vertices: Ints) -> float:
+    """The longest side of the box of some vertices (N,)."""
+    return float(np.ptp(points[vertices], axis=0).max())
+
+
+def _near(surface: Surface, points: Floats, seeds: Ints, limit: float) -> Mask:
+    """Triangles (F,) with a corner no farther from the seeds than a limit, along edges."""
+    graph = surface.graph(points)
+    away = csgraph.dijkstra(graph, directed=False, indices=seeds, min_only=True, limit=limit)
+    return np.asarray((away <= limit)[surface.faces].any(axis=1))
+
+
 def _tie(surface: Surface, points: Floats, seeds: Ints, other: int) -> Ties:
     """Bind each seed to the nearest point of the other part."""
     triangles = surface.triangles(other)
@@ -172,11 +194,13 @@ class Zones:
     def __init__(self, surface: Surface, attachments: list[Attachment]) -> None:
         self._surface = surface
         self._zone: dict[tuple[int, int], Mask] = {}
+        self._beside: dict[tuple[int, int], Mask] = {}
         self._hosts: dict[int, set[int]] = {}
         for attachment in attachments:
             first, second = attachment.sides
             for own, other in ((first, second), (second, first)):
                 self._zone[own.part, other.part] = own.zone
+                self._beside[own.part, other.part] = own.beside
                 self._hosts.setdefault(own.part, set()).add(other.part)
 
     def modelled(self, pairs: Ints) -> Mask:
@@ -204,4 +228,12 @@ class Zones:
         if (a, c) in self._zone:
             return [((a, c), (c, a))]
         common = self._hosts.get(a, set()) & self._hosts.get(c, set())
-        return [((a, b), (c, b)) for b in sorted(common)]
+        return [((a, b), (c, b)) for b in sorted(common) if self._meet_on(b, a, c)]
+
+    def _meet_on(self, host: int, a: int, c: int) -> bool:
+        """Whether one of the zones of a part towards two others is beside the other one."""
+        first, second = (host, a), (host, c)
+        return bool(
+            (self._zone[first] & self._beside[second]).any()
+            or (self._zone[second] & self._beside[first]).any()
+        )

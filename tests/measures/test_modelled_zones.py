@@ -76,7 +76,12 @@ def test_a_part_mostly_inside_another_is_modelled_as_a_whole() -> None:
     surface, (attachment,) = attached(points, faces)
     small = attachment.sides[1]
     assert len(small.seeds) == len(surface.vertices(1)) == 162
-    assert all(side.zone.sum() == len(surface.triangles(side.part)) for side in attachment.sides)
+    assert small.zone.sum() == len(surface.triangles(1))
+    # What holds it may meet it within its length: not on the far side.
+    x = points[surface.point_of][surface.faces][..., 0]
+    held = attachment.sides[0].zone
+    assert held[(surface.part_of_face == 0) & (x > 0.8).all(axis=1)].all()
+    assert not held[(x < 0.2).any(axis=1)].any()
     # Once it is held by less than half of it, only what is near the overlap is.
     points, faces = joined(ball(0.0, 1.0), ball(1.2, 0.3, 2))
     surface, (attachment,) = attached(points, faces)
@@ -84,20 +89,21 @@ def test_a_part_mostly_inside_another_is_modelled_as_a_whole() -> None:
     assert attachment.sides[0].zone.sum() < len(surface.triangles(0)) / 2
 
 
-def test_two_parts_in_one_socket_may_meet_there() -> None:
-    # Two rods end in one ball without touching, and meet in it later.
-    left, faces = rod(-5.0, -0.5)
+@pytest.mark.parametrize(("size", "modelled"), [(0.5, True), (1.2, False)])
+def test_two_parts_in_one_socket_may_meet_there(size: float, modelled: bool) -> None:
+    # Two rods end in one ball without touching, and meet in it later: in a small one.
+    left, faces = rod(-5.0, -0.25)
     right = left * (-1.0, 1.0, 1.0)
-    points, every = joined((left, faces), (right, faces[:, ::-1]), ball(0.0, 1.0))
+    points, every = joined((left, faces), (right, faces[:, ::-1]), ball(0.0, size))
     surface, attachments = attached(points, every)
     assert {own.sides[0].part for own in attachments} == {0, 1}
     assert {own.sides[1].part for own in attachments} == {2}
     zones = Zones(surface, attachments)
     moved = points.copy()
-    moved[len(left) : 2 * len(left)] += (-1.2, 0.05, 0.03)
+    moved[len(left) : 2 * len(left)] += (-0.8, 0.05, 0.03)
     pairs = intersecting_pairs(moved, every.astype(np.int64), surface.vertex_of)
     two = pairs[(surface.part_of_face[pairs] < 2).all(axis=1)]
-    assert len(two) and zones.modelled(two).all()
+    assert len(two) and zones.modelled(two).all() == modelled == zones.modelled(two).any()
     # The same rods without the ball have nothing in common.
     assert not Zones(surface, attachments[:1]).modelled(two).any()
 

@@ -34,7 +34,7 @@ WHOLE = 0.5  # share of a part, seeds and what is behind, from which the whole p
 class Side:
     """One part of an attachment: welded vertices of the seeds (S,), mask of the zone (F,).
 
-    beside: what else is near (F,), as far beyond the seeds as these are long.
+    beside: the zone, and what is near (F,), as far beyond the seeds as these are long.
     """
 
     part: int

@@ -11,13 +11,13 @@ from dtrepair.numerics.geometry import IntArray
 
 
 def keys_by_third(
-    zones: KeyArray, around: KeyArray, part_of: IntArray, told: Sequence[KeyArray]
+    zones: KeyArray, around: KeyArray, part_of: IntArray, silent: Sequence[KeyArray]
 ) -> KeyArray:
     """Return sorted keys, A x number of parts + B, A < B, of parts of which a third one tells.
 
     Of its zones towards the two, one is around the other, and the two are not attached. zones,
     around: sorted keys, triangle x number of parts + other part, of zones and what is around them;
-    part_of: the part (F,) of each triangle; told: keys of parts of which nothing is told.
+    part_of: the part (F,) of each triangle; silent: keys of parts of which nothing is told.
     """
     count = int(part_of.max(initial=-1)) + 1
     both = zone_rows(zones, len(part_of), count).T @ zone_rows(around, len(part_of), count)
@@ -25,5 +25,5 @@ def keys_by_third(
     ends = ends[ends[:, 0] < ends[:, 1]]
     attached = np.stack([part_of[zones // max(count, 1)], zones % max(count, 1)], axis=1)
     low, high = np.sort(attached.astype(np.int64), axis=1).T
-    known = distinct_keys([low * count + high, *told])
+    known = distinct_keys([low * count + high, *silent])
     return np.setdiff1d(ends @ np.array([count, 1]), known)

@@ -28,8 +28,8 @@ class PartingOptions:
     """Numbers of the least motion that leads pairs apart.
 
     Args:
-        most: Of more pairs than this none is led apart: they are no crease.
-        most_in_all: Of more groups than have so many pairs in all none is led apart.
+        most: More pairs than this are not led apart together: they are no crease.
+        most_in_all: Where there are more pairs than this in all, no groups are tried.
         rounds: At most so many steps.
         rings: What moves reaches so many rings of edges beyond the pairs.
         beyond: How far apart a pair is led, mean edge lengths.
@@ -88,7 +88,8 @@ def parted(
     """Return the pose (V, 3) with the crossings of `known` led apart, and its defects.
 
     None where they are too many, have no area at all, do not come apart, or others fold over.
-    some: where not all come apart at once, those groups of them are led apart that do.
+    some: where not all come apart at once, those groups of them are led apart that do; None where
+    none does.
     """
     count, found = len(known.crossings), None
     if 0 < count <= options.most:

@@ -263,6 +263,7 @@ class Attachments:
 
     @cached_property
     def _zone_rows(self) -> sparse.csr_matrix:
+        """See `zone_rows`."""
         return zone_rows(self.zones, len(self.part_of), self.count)
 
     def of_triangles(self, kept: NDArray[np.integer], place: NDArray[np.integer]) -> Attachments:

@@ -24,7 +24,7 @@ class AttachmentOptions:
         whole: A part of which more than this share is in or behind one of larger area is attached
             as a whole: eyes, teeth, buttons.
         larger: Ratio of areas above which that is so: copies of a part differ by rounding only.
-        around: The zone of what holds such a part reaches so many of its longest sides beyond the
+        beside: The zone of what holds such a part reaches so many of its longest sides beyond the
             overlap: an eye turns in its head, but does not go into a paw of the same skin.
         small, covered: In one with a border that is so only of what has less than this share of its
             area, or of which more than this share is within the reach of where the two meet: a leg
@@ -45,7 +45,7 @@ class AttachmentOptions:
     cells: int = 64
     whole: float = 0.5
     larger: float = 1.001
-    around: float = 1.0
+    beside: float = 1.0
     small: float = 0.1
     covered: float = 0.75
     turned: float = 0.5

@@ -181,7 +181,7 @@ class _Overlaps(PosedParts):
 
     def _beside(self, seeds: _Seeds, corners: IntArray, other: int) -> BoolArray:
         """Return which triangles are in the zone towards what is attached as a whole."""
-        reach = self.options.around * extent(self.points[self.vertices(other)])
+        reach = self.options.beside * extent(self.points[self.vertices(other)])
         return self._zone(seeds, corners) | self._within(seeds, corners, reach)
 
     def _within(self, seeds: _Seeds, corners: IntArray, reach: float) -> BoolArray:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dtrepair.numerics.attached.apart import keys_of_parts
 from dtrepair.numerics.attachments import KeyArray, distinct_keys, zone_rows
 from dtrepair.numerics.geometry import IntArray
 
@@ -21,9 +22,8 @@ def keys_by_third(
     """
     count = int(part_of.max(initial=-1)) + 1
     both = zone_rows(zones, len(part_of), count).T @ zone_rows(around, len(part_of), count)
-    ends = np.sort(np.stack(both.nonzero(), axis=1).astype(np.int64), axis=1)
-    ends = ends[ends[:, 0] < ends[:, 1]]
+    ends = np.stack(both.nonzero(), axis=1)
+    ends = ends[ends[:, 0] != ends[:, 1]]
     attached = np.stack([part_of[zones // max(count, 1)], zones % max(count, 1)], axis=1)
-    low, high = np.sort(attached.astype(np.int64), axis=1).T
-    known = distinct_keys([low * count + high, *silent])
-    return np.setdiff1d(ends @ np.array([count, 1]), known)
+    known = distinct_keys([keys_of_parts(attached, part_of), *silent])
+    return np.setdiff1d(keys_of_parts(ends, part_of), known)

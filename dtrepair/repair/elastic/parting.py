@@ -6,6 +6,7 @@ replace them takes the whole limb with it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,6 +22,8 @@ from dtrepair.repair.surface.surface import Surface
 
 # Corners of a triangle are as far along an axis up to this part of the longest side.
 AS_FAR = 1e-6
+
+Limited = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,24 +86,29 @@ def parted(
     known: Defects,
     *,
     some: bool = False,
+    limited: Limited | None = None,
     options: PartingOptions = PartingOptions(),
 ) -> tuple[FloatArray, Defects] | None:
     """Return the pose (V, 3) with the crossings of `known` led apart, and its defects.
 
     None where they are too many, have no area at all, do not come apart, or others fold over.
     some: where not all come apart at once, those groups of them are led apart that do; None where
-    none does.
+    none does. limited: the nearest pose that is allowed; no other is taken.
     """
     count, found = len(known.crossings), None
     if 0 < count <= options.most:
-        found = _parted(surface, points, known, options)
+        found = _parted(surface, points, known, limited, options)
     if found is None and some and 0 < count <= options.most_in_all:
-        return _some_parted(surface, points, known, options)
+        return _some_parted(surface, points, known, limited, options)
     return found
 
 
 def _parted(
-    surface: Surface, points: FloatArray, known: Defects, options: PartingOptions
+    surface: Surface,
+    points: FloatArray,
+    known: Defects,
+    limited: Limited | None,
+    options: PartingOptions,
 ) -> tuple[FloatArray, Defects] | None:
     """Return the pose (V, 3) with all crossings of `known` led apart, and its defects."""
     start, folds, defects = points, len(known.folds), known
@@ -122,21 +130,25 @@ def _parted(
         points = region.step(points, corners, gradients, changes)
         defects = update_defects(surface, known, points, (points != start).any(axis=1))
         if len(defects.crossings) == 0:
-            return (points, defects) if len(defects.folds) <= folds else None
+            allowed = limited is None or np.array_equal(limited(points), points)
+            return (points, defects) if allowed and len(defects.folds) <= folds else None
     return None
 
 
 def _some_parted(
-    surface: Surface, points: FloatArray, known: Defects, options: PartingOptions
+    surface: Surface,
+    points: FloatArray,
+    known: Defects,
+    limited: Limited | None,
+    options: PartingOptions,
 ) -> tuple[FloatArray, Defects] | None:
     """Return the pose (V, 3) with groups of crossings led apart, each for itself."""
     left, groups = known, _groups(surface, known.crossings, options.rings)
     for group in groups if len(groups) > 1 else []:
-        own = left._replace(crossings=group)
-        if len(group) <= options.most and (found := _parted(surface, points, own, options)):
-            after = update_defects(surface, left, found[0], (found[0] != points).any(axis=1))
-            if after.rank < left.rank:
-                points, left = found[0], after
+        found = _parted(surface, points, left._replace(crossings=group), limited, options)
+        if found is not None:
+            moved = (found[0] != points).any(axis=1)
+            points, left = found[0], update_defects(surface, left, found[0], moved)
     return None if left is known else (points, left)
 
 

@@ -109,8 +109,7 @@ def _parted(
     if not 0 < len(pairs) <= (options.most_in_all if some else options.most):
         return None
     known = Defects(pairs, surface.contacts.folds(pose))
-    found = parted(surface, pose, known, some=some, options=options)
     # What only moves as a whole is not led apart by vertices.
-    if found is None or (surface.rigid.fitted(original, found[0]) != found[0]).any():
-        return None
-    return found[0], found[1].crossings
+    whole = partial(surface.rigid.fitted, original)
+    found = parted(surface, pose, known, some=some, limited=whole, options=options)
+    return None if found is None else (found[0], found[1].crossings)

@@ -202,9 +202,8 @@ class Phases:
         """Return a pose (V, 3) with (some of) its few crossings led apart; None if that fails."""
         if self.steering:
             return None
-        found = parted(self.surface, points, known, some=some, options=self.options.parting)
-        within = found is not None and np.array_equal(self.limited(found[0]), found[0])
-        return found if within else None
+        options = self.options.parting
+        return parted(self.surface, points, known, some=some, limited=self.limited, options=options)
 
     def run(self, step: float, points: FloatArray | None = None) -> Candidate:
         """Return the best result of pushing with ever fewer contacts left to the fill.

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dtrepair.intersect.detector import Detector
 from dtrepair.numerics.geometry import FloatArray, lengths
 from dtrepair.numerics.metrics import distortion
-from dtrepair.repair.elastic.parting import PartingOptions, least_overlaps, parted
+from dtrepair.repair.elastic.parting import PartingOptions, _groups, least_overlaps, parted
 from dtrepair.repair.full.biharmonic_fill import FillOptions
 from dtrepair.repair.full.mend import MendOptions, mend
 from dtrepair.repair.full.method import FullMethod
@@ -20,7 +20,7 @@ from dtrepair.repair.full.phases import PhaseOptions, Phases
 from dtrepair.repair.full.push import PushOptions
 from dtrepair.repair.surface.defects import find_defects
 from dtrepair.repair.surface.surface import BodyRange, Surface
-from tests.meshes import elbow, joined
+from tests.meshes import elbow, joined, tube
 
 FACES = np.arange(6, dtype=np.int32).reshape(2, 3)
 PAIR = np.array([[0, 1]], dtype=np.int32)
@@ -119,18 +119,25 @@ def test_triangles_without_area_are_left_to_others() -> None:
     assert parted(surface, surface.rest, known) is None
 
 
-def crease_and_line() -> tuple[Surface, FloatArray]:
-    """A crease that comes apart, and apart from it triangles on one line, which do not."""
+def creases_and_line() -> tuple[Surface, FloatArray]:
+    """Two creases that come apart, the second farther open, and triangles on one line."""
     rest, faces = elbow(0.0, along=10, around=8)
     alone, pose = creased()
     line, own = joined((ROOF, ROOF_FACES), (LINE, FACES))
-    line += [9.0 * alone.size, 0.0, 0.0]
-    surface = Surface(*joined((rest, faces), (line, own)))
-    return surface, np.concatenate([pose * alone.size, line]) / surface.size
+    apart = [9.0 * alone.size, 0.0, 0.0]
+    surface = Surface(*joined((rest, faces), (1.5 * rest + apart, faces), (line - apart, own)))
+    bent = pose * alone.size
+    return surface, np.concatenate([bent, 1.5 * bent + apart, line - apart]) / surface.size
 
 
-def test_where_one_group_stays_the_other_comes_apart() -> None:
-    surface, pose = crease_and_line()
+def moves_of(surface: Surface, pose: FloatArray, points: FloatArray) -> list[float]:
+    """How far the vertices of both limbs, and of the rest, move at most."""
+    far, limb = lengths(points - pose), len(elbow(0.0, along=10, around=8)[0])
+    return [float(own.max()) for own in np.split(far, [limb, 2 * limb])]
+
+
+def test_where_one_group_stays_the_others_come_apart() -> None:
+    surface, pose = creases_and_line()
     known = find_defects(surface, pose)
     assert parted(surface, pose, known) is None
     found = parted(surface, pose, known, some=True)
@@ -138,24 +145,54 @@ def test_where_one_group_stays_the_other_comes_apart() -> None:
     points, left = found
     assert len(left.crossings) == 1 < len(known.crossings)
     assert left.crossings.tolist() == surface.contacts.pairs(points).tolist()
-    moved = (points != pose).any(axis=1)
-    assert moved.any() and not moved[-len(ROOF) - len(LINE) :].any()
+    first, second, line = moves_of(surface, pose, points)
+    assert 0.0 < 1.2 * first < second and line == 0.0
+
+
+def test_a_group_that_would_go_too_far_stays_alone() -> None:
+    surface, pose = creases_and_line()
+    known = find_defects(surface, pose)
+    every = parted(surface, pose, known, some=True)
+    assert every is not None
+    first, second, _ = moves_of(surface, pose, every[0])
+    between = 0.5 * (first + second)
+    still, none = PushOptions(iterations=0), FillOptions(rounds=0)
+    numbers = PhaseOptions(push=still, fill=none, last_fill=none)
+    found = Phases(surface, pose, farthest=between, options=numbers).best()
+    assert moves_of(surface, pose, found.points) == [first, 0.0, 0.0]
+    assert 1 < len(found.defects.crossings) < len(known.crossings)
 
 
 def test_groups_are_left_alone_where_too_many_or_connected() -> None:
-    surface, pose = crease_and_line()
+    surface, pose = creases_and_line()
     known = find_defects(surface, pose)
     for few in (PartingOptions(most_in_all=len(known.crossings) - 1), PartingOptions(most=0)):
         assert parted(surface, pose, known, options=few, some=True) is None
-    # One pair is the most that a group has which stays; the crease is no longer too large.
-    found = parted(
-        surface, pose, known, options=PartingOptions(most=len(known.crossings) - 1), some=True
-    )
+    # The limit of what is led apart together holds for each group.
+    few = PartingOptions(most=len(known.crossings) - 1)
+    found = parted(surface, pose, known, options=few, some=True)
     assert found is not None and len(found[1].crossings) == 1
-    # Within so many rings all of it is one.
+    # One pair is one group, and is not tried twice.
     points, faces = joined((ROOF, ROOF_FACES), (LINE, FACES))
     one = Surface(points, faces)
     assert parted(one, one.rest, find_defects(one, one.rest), some=True) is None
+
+
+def test_groups_are_what_rings_or_pairs_connect() -> None:
+    points, faces = joined(tube(8, 30, 0.2, 3.0), tube(8, 30, 0.2, 3.0))
+    surface = Surface(
+        points + np.repeat([[0.0] * 3, [9.0, 0.0, 0.0]], len(points) // 2, axis=0), faces
+    )
+    # Triangles of the first tube in two of its bands, and one of the second tube for each.
+    bands = surface.faces[:480].reshape(30, 16, 3)
+    number = np.arange(480).reshape(30, 16)
+    assert (np.ptp(surface.rest[bands][..., 2], axis=(1, 2)) < 0.2).all()
+    for between, rings, groups in ((4, 2, 1), (8, 2, 2), (8, 4, 1), (4, 0, 2)):
+        first = [number[5, 0], number[5 + between, 0]]
+        pairs = np.array([[first[0], 480], [first[1], 960 - 1]], dtype=np.int32)
+        assert len(_groups(surface, pairs, rings)) == groups
+        # Both meet one triangle.
+        assert len(_groups(surface, np.array([[first[0], 480], [first[1], 480]]), rings)) == 1
 
 
 def test_all_that_comes_apart_together_does() -> None:
@@ -167,7 +204,7 @@ def test_all_that_comes_apart_together_does() -> None:
 
 
 def test_what_pushing_and_filling_leave_comes_apart_in_groups() -> None:
-    surface, pose = crease_and_line()
+    surface, pose = creases_and_line()
     still, none = PushOptions(iterations=0), FillOptions(rounds=0)
     numbers = PhaseOptions(push=still, fill=none, last_fill=none)
     mended = mend(surface, pose, [pose], step=0.01, options=MendOptions(push=still, fill=none))

@@ -62,6 +62,8 @@ def test_two_limbs_at_one_ball_are_modelled_contacts() -> None:
     ):
         assert np.array_equal(other.modelled(across), found.modelled(across))
     assert found.modelled(across).any()
+    alone = Attachments(found.part_of, found.zones, found.ties)
+    assert found.same_zones(found.carrying(found.carried)) and not found.same_zones(alone)
 
 
 @pytest.mark.parametrize(("apart", "modelled"), [(0.1, True), (1.0, False)])

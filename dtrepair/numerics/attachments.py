@@ -151,6 +151,7 @@ class Attachments:
         carried: Ties of what need not touch to be carried along, see `hidden_ends`.
         by_third: Sorted keys, A x number of parts + B, A < B, of parts of which a third one tells.
         sliding: Pairs of parts, A < B, that slide in each other, as a piston does.
+        holders: Parts that hold others as wholes, as a coat its buttons.
     """
 
     def __init__(
@@ -161,12 +162,14 @@ class Attachments:
         carried: Ties = NO_TIES,
         by_third: KeyArray = NO_KEYS,
         sliding: Parts = frozenset(),
+        holders: frozenset[int] = frozenset(),
     ) -> None:
         self.part_of = part_of
         self.count = int(part_of.max(initial=-1)) + 1
         self.zones = zones
         self.ties = ties
-        self.carried, self.by_third, self.sliding = carried, by_third, sliding
+        self.carried, self.by_third = carried, by_third
+        self.sliding, self.holders = sliding, holders
 
     def same_zones(self, other: Attachments | None) -> bool:
         """Return whether others model the same contacts."""
@@ -208,11 +211,13 @@ class Attachments:
     def wholly_in_zones(self, faces: IntArray, count: int) -> BoolArray:
         """Return the vertices (V,) all of whose triangles lie in zones: buried by design, perhaps.
 
-        faces: the triangles (F, 3); count: the number V of vertices.
+        faces: the triangles (F, 3); count: the number V of vertices. All of what holds others as
+        wholes is such: where the sheets of a buttoned coat said how deep they are, less came clean.
         """
         result = np.zeros(count, dtype=bool)
-        result[faces[self.triangles]] = True
-        result[faces[~self.triangles]] = False
+        within = self.triangles | np.isin(self.part_of, list(self.holders))
+        result[faces[within]] = True
+        result[faces[~within]] = False
         return result
 
     @cached_property
@@ -280,7 +285,8 @@ class Attachments:
 
     def _of(self, part_of: IntArray, zones: KeyArray, ties: Ties, carried: Ties) -> Attachments:
         """Return others of the same parts."""
-        result = Attachments(part_of, zones, ties, carried, self.by_third, self.sliding)
+        known = self.by_third, self.sliding, self.holders
+        result = Attachments(part_of, zones, ties, carried, *known)
         result.count = self.count
         return result
 

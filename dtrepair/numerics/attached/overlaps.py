@@ -65,48 +65,53 @@ def find_attachments(
     place = np.unique(components(faces, count)[faces], return_inverse=True)[1]
     part_of_vertex[faces] = place.reshape(faces.shape)
     part_of = part_of_vertex[faces[:, 0]]
-    keys, around, ties, carried = [NO_KEYS], [NO_KEYS], [NO_TIES], [NO_TIES]
+    sides, ties, carried = list[_Side](), [NO_TIES], [NO_TIES]
     nested, sliding = set[Both](), set[Both]()
     for reference in references:
         if not reference.shows_all:
             continue
         overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
-        towards: dict[Both, IntArray] = {}
-        for first, second in overlaps.attached():
-            both = (first, second), (second, first)
-            for own, side in zip(both, overlaps.sides(first, second), strict=True):
-                keys.append(side.zone)
-                around.append(side.around)
-                ties.append(side.ties)
-                towards[own] = np.unique(faces[side.zone // overlaps.parts])
-        nested |= overlaps.nested(towards)
+        shown = [side for both in overlaps.attached() for side in overlaps.sides(*both)]
+        sides += shown
+        ties += [side.ties for side in shown]
+        parts = overlaps.parts
+        nested |= overlaps.nested(
+            {(side.part, side.other): np.unique(faces[side.zone // parts]) for side in shown}
+        )
         if reference.bound is not None:
             held = reference.points, faces, part_of, reference.bound
             carried.append(hidden_ends(*held, poses=poses))
     if slid := [reference for reference in references if reference.slid]:
-        still = distinct_keys(keys)
-        shown = shown_by_slides(slid, part_of, still, share=options.turned)
-        for reference, parts in zip(slid, shown, strict=True):
-            sliding.update(parts)
-            if parts:
+        still = distinct_keys([NO_KEYS, *(side.zone for side in sides)])
+        moved = shown_by_slides(slid, part_of, still, share=options.turned)
+        for reference, slides in zip(slid, moved, strict=True):
+            sliding.update(slides)
+            if slides:
                 overlaps = _Overlaps(faces, part_of_vertex, part_of, reference, options)
-                sides = [side for both in parts for side in overlaps.sides(*both)]
-                keys += [side.zone for side in sides]
-                around += [side.around for side in sides]
-    zones = distinct_keys(keys)
+                sides += [side for both in slides for side in overlaps.sides(*both)]
+    zones = distinct_keys([NO_KEYS, *(side.zone for side in sides)])
+    around = distinct_keys([NO_KEYS, *(side.around for side in sides)])
     apart = keys_apart(references, part_of)
     inside = keys_of_parts(np.array(sorted(nested), dtype=np.int64).reshape(-1, 2), part_of)
-    third = keys_by_third(zones, distinct_keys(around), part_of, [inside, apart])
+    third = keys_by_third(zones, around, part_of, [inside, apart])
     hidden = without_ties_of(joined_ties(carried), part_of_vertex, part_of, apart)
-    return Attachments(part_of, zones, joined_ties(ties), hidden, third, frozenset(sliding))
+    holders = frozenset(side.part for side in sides if side.holds)
+    known = third, frozenset(sliding), holders
+    return Attachments(part_of, zones, joined_ties(ties), hidden, *known)
 
 
 class _Side(NamedTuple):
-    """One part of two that are attached: keys of its zone, and of what is around it; its ties."""
+    """One of two parts that are attached: keys of its zone, and of what is around it; its ties.
 
+    other: the other part; holds: whether it holds that one as a whole.
+    """
+
+    part: int
+    other: int
     zone: KeyArray
     around: KeyArray
     ties: Ties
+    holds: bool
 
 
 class _Seeds(NamedTuple):
@@ -169,7 +174,7 @@ class _Overlaps(PosedParts):
             around = zone | self._within(of_part, corners, extent(self.points[of_part.every]))
             keys = triangles.astype(np.int64) * self.parts + other
             ties = self._ties(np.flatnonzero(of_part.own & ~of_part.loose), other)
-            found.append(_Side(keys[zone], keys[around], ties))
+            found.append(_Side(part, other, keys[zone], keys[around], ties, seeds[other].whole))
         return found
 
     def _zone(self, seeds: _Seeds, corners: IntArray) -> BoolArray:

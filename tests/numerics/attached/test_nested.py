@@ -88,3 +88,13 @@ def test_a_zone_without_vertices_lies_in_nothing() -> None:
     ring = np.flatnonzero(part == 2).astype(np.int32)
     none = np.zeros(0, dtype=np.int32)
     assert overlaps.nested({(0, 2): none, (1, 2): none, (2, 0): ring, (2, 1): ring}) == set()
+
+
+def test_all_of_what_holds_a_whole_part_may_be_buried_by_design() -> None:
+    found, (points, faces) = attachments_of(icosphere(3), icosphere(1, 0.2))
+    assert not len(found.zones), "the small one is nowhere near the surface"
+    eye = icosphere(1, 0.2)
+    found, (points, faces) = attachments_of(icosphere(3), (eye[0] + (0.0, 0.0, 0.9), eye[1]))
+    every = found.of_triangles(np.arange(len(faces)), np.arange(len(points)))
+    assert found.holders == every.holders == {0} and not found.triangles.all()
+    assert every.wholly_in_zones(faces, len(points)).all()

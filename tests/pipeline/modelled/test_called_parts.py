@@ -26,7 +26,7 @@ def post(tmp_path: Path) -> Path:
     balls = []
     for number, fineness in enumerate(sizes):
         points, faces = icosphere(fineness, 0.3)
-        balls.append((points + np.array((0.55, 0.02, 2.0 * number - 2.0)), faces))
+        balls.append((points + np.array((0.45, 0.02, 2.0 * number - 2.0)), faces))
     points, faces = joined(tube(24, 100, 0.5, 8.0), *balls)
     bead = icosphere(1, 0.2)
     meshes = [

@@ -1,7 +1,8 @@
-"""Open ends that another part hides: a wrist that ends inside its sleeve, trousers under a shirt.
+"""Ends that another part hides: a wrist that ends inside its sleeve, trousers under a shirt.
 
 Such parts need not touch to belong together. Where nothing holds them, a sleeve that is pushed off
-a body slides off the hand that came out of it.
+a body slides off the hand that came out of it. Ends with a border are tied by themselves; closed
+ones, which touch their sleeve in a few places, are held there all around.
 """
 
 from __future__ import annotations
@@ -21,9 +22,11 @@ from dtrepair.numerics.geometry import (
     FloatArray,
     IntArray,
     border_edges,
+    components,
     dots,
     lengths,
     triangle_areas,
+    unique_edges,
 )
 
 
@@ -94,6 +97,42 @@ def hidden_ends(
                 if _belongs(ties, radius, points, faces, poses, options)
             ]
     return joined_ties(found)
+
+
+def closed_ends(
+    points: FloatArray,
+    faces: IntArray,
+    inner: IntArray,
+    away: FloatArray,
+    *,
+    near: float = HiddenEndOptions.near,
+) -> NDArray[np.bool_]:
+    """Return which vertices (N,) of one part, behind an open one, are of an end that this hides.
+
+    A stub that goes into a sleeve has one rim and no hole; a thigh under a skirt goes on below.
+
+    Args:
+        points: Positions (V, 3).
+        faces: Triangles (F, 3) of the part.
+        inner: Its vertices (N,) behind the other one.
+        away: Their distances (N,) from that: of an end it is within `near` of the radius.
+    """
+    place = np.full(len(points), -1, dtype=np.int64)
+    place[inner] = np.arange(len(inner))
+    within = place[faces[(place[faces] >= 0).all(axis=1)]].astype(np.int32)
+    label = components(within, len(inner))
+    result = np.zeros(len(inner), dtype=bool)
+    for end in np.unique(label[within]):
+        own, triangles = np.flatnonzero(label == end), within[label[within[:, 0]] == end]
+        if len(own) - len(unique_edges(triangles)) + len(triangles) == 1:
+            result[own] = away[own] <= near * _radius(points[inner[own]])
+    return result
+
+
+def _radius(points: FloatArray) -> float:
+    """Return the rms distance of points (N, 3) from the axis along which they lie."""
+    centred = points - points.mean(axis=0)
+    return float(np.sqrt(np.linalg.eigvalsh(centred.T @ centred / len(points))[:2].sum()))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from dtrepair.numerics.attached.apart import keys_apart, keys_of_parts, without_
 from dtrepair.numerics.attached.attachment_options import AttachmentOptions
 from dtrepair.numerics.attached.growth import grown, ringed, within
 from dtrepair.numerics.attached.hems import clear_of_hems
-from dtrepair.numerics.attached.hidden_ends import hidden_ends
+from dtrepair.numerics.attached.hidden_ends import closed_ends, hidden_ends
 from dtrepair.numerics.attached.posed_parts import PosedParts
 from dtrepair.numerics.attached.slides import shown_by_slides
 from dtrepair.numerics.attached.third_parts import keys_by_third
@@ -227,7 +227,7 @@ class _Overlaps(PosedParts):
         every = self._reached(mask, touched)
         if not self.open[other]:
             return _Seeds(every, every, loose, False)
-        hanging, clear = self._hanging(other, touched, behind)
+        hanging, clear = self._hanging(part, other, touched, behind)
         mask[hanging], loose[clear] = False, True
         return _Seeds(self._reached(mask, touched), every, loose, False)
 
@@ -252,11 +252,12 @@ class _Overlaps(PosedParts):
         return result
 
     def _hanging(
-        self, other: int, touched: NDArray[np.integer], behind: IntArray
+        self, part: int, other: int, touched: NDArray[np.integer], behind: IntArray
     ) -> tuple[IntArray, IntArray]:
-        """Return which vertices `behind` an open part hang off it far from the contact.
+        """Return which vertices of a part `behind` an open one hang off it far from the contact.
 
-        Second, which are clear of a garment. touched: vertices whose triangles meet the open part.
+        Not those of a hand's end in its cuff, which it touches in few places. Second, which are
+        clear of a garment. touched: vertices whose triangles meet the open part.
         """
         met = np.zeros(len(self.points), dtype=bool)
         met[touched] = True
@@ -264,6 +265,8 @@ class _Overlaps(PosedParts):
         away = lengths(self.tree(other).nearest(points)[1] - points)
         usual = np.quantile(away[near], self.options.hangs) if near.any() else 0.0
         far = ~near & (away > usual)
+        if len(behind) <= self.options.whole * len(self.vertices(part)):
+            far &= ~closed_ends(self.points, self.faces[self.triangles(part)], behind, away)
         size, areas = extent(self.points[self.vertices(other)]), lengths(self.normals[behind])
         clear = clear_of_hems(near, far, away, areas, size, options=self.options.hems)
         return np.asarray(behind[far]), np.asarray(behind[clear])

@@ -59,6 +59,26 @@ def _surrounds(parts: Parts, top: int, under: int, pose: int, options: LayerOpti
     return surrounds(*both, least=options.around).share >= options.around
 
 
+def faces_lining(
+    parts: Parts, sheet: int, other: int, pose: int, *, options: LayerOptions = LayerOptions()
+) -> bool:
+    """Return whether a sheet lies in a thin shell that surrounds it, along the inner side of that.
+
+    The sleeve of a shirt in that of its jacket; not a cape around the jacket.
+    """
+    if parts.closed[sheet] or not parts.closed[other]:
+        return False
+    if not may_go_round(parts, other, pose, options):
+        return False
+    points, weights = parts.poses[pose], parts.area_shares(sheet)
+    own, around = points[parts.vertices[sheet]], points[parts.vertices[other]]
+    outwards = dots(around[cKDTree(around).query(own)[1]] - own, own - weights @ own)
+    if weights @ np.sign(outwards) < options.ball:
+        return False
+    both = solids(parts, other, sheet, points)
+    return surrounds(*both, least=options.around).share >= options.around
+
+
 def still_around(
     parts: Parts, layer: WornLayer, points: FloatArray, *, options: LayerOptions = LayerOptions()
 ) -> bool:

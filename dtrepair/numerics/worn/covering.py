@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from dtrepair.numerics.geometry import IntArray, triangle_areas
+from dtrepair.numerics.worn.around import faces_lining
 from dtrepair.numerics.worn.layers import Layers
 from dtrepair.numerics.worn.parts import Parts
 from dtrepair.numerics.worn.sides import LayerOptions, WornLayer
@@ -67,9 +68,15 @@ def open_layers(layers: Layers) -> Covering | None:
 
 
 def learnt_layers(layers: Layers) -> list[WornLayer]:
-    """Return which open parts the poses have over others, the largest first; not what is told."""
+    """Return which open parts the poses have over others, the largest first.
+
+    Not what the user told, nor a sleeve that is known to lie in front of its jacket's lining.
+    """
     parts, rest = layers.parts, layers.parts.poses[0]
     known = [own for own in _over_something(layers) if not layers.is_told(own.top, own.under)]
+    ends = [(own.top, own.under) for own in known]
+    lined = [faces_lining(parts, *both, 0, options=layers.options) for both in ends]
+    known = [own for own, inner in zip(known, lined, strict=True) if not inner]
     tops = {own.top for own in known}
     areas = {top: float(triangle_areas(rest, parts.triangles[top]).sum()) for top in tops}
     return sorted(known, key=lambda layer: (-areas[layer.top], layer.top, layer.under))

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dtrepair.numerics.worn.covering import DEEPEST, Covering, open_layers
+from dtrepair.numerics.worn.covering import DEEPEST, Covering, learnt_layers, open_layers
 from dtrepair.numerics.worn.layers import Layers
-from tests.meshes import grid, icosphere, torus, tube
-from tests.numerics.worn.test_layers import ARM, NO_PAIRS, SLEEVE, parts_of
+from tests.meshes import grid, icosphere, joined, torus, tube
+from tests.numerics.worn.test_layers import ARM, NO_PAIRS, SLEEVE, parts_of, reversed_faces
 
 BALL = icosphere(2, 0.3)[0] + [0.0, 0.0, 5.0], icosphere(2)[1]
 
@@ -83,3 +83,17 @@ def test_layers_that_lie_over_one_another_in_a_circle_end_somewhere() -> None:
     three = np.arange(3, dtype=np.int32)
     circle = Covering(three, np.roll(np.eye(3, dtype=bool), 1, axis=1), three)
     assert circle.depth.tolist() == [DEEPEST] * 3
+
+
+@pytest.mark.parametrize(("radius", "turned", "worn"), [(0.26, False, []), (0.33, True, [(0, 1)])])
+def test_a_shirt_in_front_of_a_lining_is_not_told_to_be_worn_over_it(
+    radius: float, turned: bool, worn: list[tuple[int, int]]
+) -> None:
+    """But a cape around the jacket is; both are attached to it."""
+    jacket = joined(tube(32, 24, 0.3, 2.0), reversed_faces(tube(32, 24, 0.29, 2.0)))
+    sheet, none = tube(24, 24, radius, 0.4), np.zeros(0, dtype=np.int32)
+    parts = parts_of(reversed_faces(sheet) if turned else sheet, jacket, closed=(False, True))
+    layers = Layers(parts, [NO_PAIRS], zone=lambda a, b: none)
+    known = layers.between(0, 1)
+    assert known is not None and (known.top, known.under) == (0, 1)
+    assert [(own.top, own.under) for own in learnt_layers(layers)] == worn

@@ -73,7 +73,7 @@ def faces_lining(
     points, weights = parts.poses[pose], parts.area_shares(sheet)
     own, around = points[parts.vertices[sheet]], points[parts.vertices[other]]
     outwards = dots(around[cKDTree(around).query(own)[1]] - own, own - weights @ own)
-    if weights @ np.sign(outwards) < options.ball:
+    if weights @ np.sign(outwards) <= 0.0:
         return False
     both = solids(parts, other, sheet, points)
     return surrounds(*both, least=options.around).share >= options.around

@@ -16,7 +16,6 @@ from dtrepair.numerics.geometry import (
     IntArray,
     border_edges,
     components,
-    lengths,
     vertex_areas,
 )
 from dtrepair.numerics.worn.crossings import crossings
@@ -84,8 +83,7 @@ class Ring(NamedTuple):
         loop, core: Matrices (K, V) and (M, V) that take a pose to the points that stand for both.
         passes: How often, by sign, the core passes through the loop in the rest.
         concerned: Vertices (N,) of both parts that are near.
-        width: Of the ring where it is narrowest, length units: a jacket comes off over the chest,
-            not over the arms.
+        width: Of the ring, length units.
     """
 
     top: int
@@ -166,9 +164,7 @@ def ring_about(
     if abs(passes) != 1:
         return []
     concerned = [parts.vertices[part][within(part, options.near)[1]] for part in both]
-    out = loop @ rest - middle
-    width = 2.0 * float(lengths(out - np.outer(out @ axis, axis)).min())
-    return [Ring(*both, loop, core, passes, np.concatenate([own, *concerned]), width)]
+    return [Ring(*both, loop, core, passes, np.concatenate([own, *concerned]), 2.0 * radius)]
 
 
 def _reached(faces: IntArray, near: BoolArray, start: BoolArray) -> BoolArray:

@@ -53,13 +53,6 @@ def test_a_band_that_went_through_its_arm_is_off() -> None:
     assert taken(rings, arm) == [(1, 0)]
 
 
-def test_a_ring_that_is_wide_one_way_comes_off_the_other() -> None:
-    """As a jacket, which is as wide as its arms, over the chest."""
-    rings = rings_of(ARM, (BAND[0] * [5.0, 1.0, 1.0], BAND[1]))
-    assert taken(rings, with_ring_moved(rings, 1, (0.0, 0.8, 0.0))) == [(1, 0)]
-    assert taken(rings, with_ring_moved(rings, 1, (0.8, 0.0, 0.0))) == []
-
-
 def test_what_an_input_has_on_is_asked_of_each_input() -> None:
     rings = rings_of(ARM, BAND)
     on, off = rings.parts.poses[0], with_ring_moved(rings, 1, (0.8, 0.0, 0.0))

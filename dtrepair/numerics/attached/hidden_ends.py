@@ -105,7 +105,7 @@ def closed_ends(
     inner: IntArray,
     away: FloatArray,
     *,
-    near: float = HiddenEndOptions.near,
+    options: HiddenEndOptions = HiddenEndOptions(),
 ) -> NDArray[np.bool_]:
     """Return which vertices (N,) of one part, behind an open one, are of an end that this hides.
 
@@ -115,7 +115,8 @@ def closed_ends(
         points: Positions (V, 3).
         faces: Triangles (F, 3) of the part.
         inner: Its vertices (N,) behind the other one.
-        away: Their distances (N,) from that: of an end it is within `near` of the radius.
+        away: Their distances (N,) from that: of an end it is within `near` radii.
+        options: Numbers.
     """
     place = np.full(len(points), -1, dtype=np.int64)
     place[inner] = np.arange(len(inner))
@@ -125,7 +126,7 @@ def closed_ends(
     for end in np.unique(label[within]):
         own, triangles = np.flatnonzero(label == end), within[label[within[:, 0]] == end]
         if len(own) - len(unique_edges(triangles)) + len(triangles) == 1:
-            result[own] = away[own] <= near * _radius(points[inner[own]])
+            result[own] = away[own] <= options.near * _radius(points[inner[own]])
     return result
 
 

@@ -50,12 +50,17 @@ def find_around(
 
 
 def _surrounds(parts: Parts, top: int, under: int, pose: int, options: LayerOptions) -> bool:
-    """Return whether a part is a sheet that surrounds what of another one is beside it."""
+    """Return whether a sheet goes all round another part that is not small beside it."""
     points = parts.poses[pose]
     whole, own = (float(triangle_areas(points, parts.triangles[k]).sum()) for k in (top, under))
-    if own < options.small * whole or not may_go_round(parts, top, pose, options):
+    return own >= options.small * whole and _goes_all_round(parts, top, under, pose, options)
+
+
+def _goes_all_round(parts: Parts, top: int, under: int, pose: int, options: LayerOptions) -> bool:
+    """Return whether a part is a sheet that surrounds what of another one is beside it."""
+    if not may_go_round(parts, top, pose, options):
         return False
-    both = solids(parts, top, under, points)
+    both = solids(parts, top, under, parts.poses[pose])
     return surrounds(*both, least=options.around).share >= options.around
 
 
@@ -68,15 +73,12 @@ def faces_lining(
     """
     if parts.closed[sheet] or not parts.closed[other]:
         return False
-    if not may_go_round(parts, other, pose, options):
-        return False
     points, weights = parts.poses[pose], parts.area_shares(sheet)
     own, around = points[parts.vertices[sheet]], points[parts.vertices[other]]
     outwards = dots(around[cKDTree(around).query(own)[1]] - own, own - weights @ own)
     if weights @ np.sign(outwards) <= 0.0:
         return False
-    both = solids(parts, other, sheet, points)
-    return surrounds(*both, least=options.around).share >= options.around
+    return _goes_all_round(parts, other, sheet, pose, options)
 
 
 def still_around(

@@ -73,10 +73,12 @@ def learnt_layers(layers: Layers) -> list[WornLayer]:
     Not what the user told, nor a sleeve that is known to lie in front of its jacket's lining.
     """
     parts, rest = layers.parts, layers.parts.poses[0]
-    known = [own for own in _over_something(layers) if not layers.is_told(own.top, own.under)]
-    ends = [(own.top, own.under) for own in known]
-    lined = [faces_lining(parts, *both, 0, options=layers.options) for both in ends]
-    known = [own for own, inner in zip(known, lined, strict=True) if not inner]
+    known = [
+        own
+        for own in _over_something(layers)
+        if not layers.is_told(own.top, own.under)
+        and not faces_lining(parts, own.top, own.under, 0, options=layers.options)
+    ]
     tops = {own.top for own in known}
     areas = {top: float(triangle_areas(rest, parts.triangles[top]).sum()) for top in tops}
     return sorted(known, key=lambda layer: (-areas[layer.top], layer.top, layer.under))

@@ -64,21 +64,18 @@ def _goes_all_round(parts: Parts, top: int, under: int, pose: int, options: Laye
     return surrounds(*both, least=options.around).share >= options.around
 
 
-def faces_lining(
-    parts: Parts, sheet: int, other: int, pose: int, *, options: LayerOptions = LayerOptions()
+def lies_inside(
+    parts: Parts, part: int, sheet: int, pose: int, *, options: LayerOptions = LayerOptions()
 ) -> bool:
-    """Return whether a sheet lies in a thin shell that surrounds it, along the inner side of that.
+    """Return whether a part lies inside of a sheet that goes all round it, and so not over it.
 
-    The sleeve of a shirt in that of its jacket; not a cape around the jacket.
+    The sleeve of a shirt, which faces the lining of its jacket; not a cape around the jacket.
     """
-    if parts.closed[sheet] or not parts.closed[other]:
-        return False
-    points, weights = parts.poses[pose], parts.area_shares(sheet)
-    own, around = points[parts.vertices[sheet]], points[parts.vertices[other]]
+    points, weights = parts.poses[pose], parts.area_shares(part)
+    own, around = points[parts.vertices[part]], points[parts.vertices[sheet]]
     outwards = dots(around[cKDTree(around).query(own)[1]] - own, own - weights @ own)
-    if weights @ np.sign(outwards) <= 0.0:
-        return False
-    return _goes_all_round(parts, other, sheet, pose, options)
+    outside = float(weights @ np.sign(outwards)) > 0.0
+    return outside and _goes_all_round(parts, sheet, part, pose, options)
 
 
 def still_around(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from dtrepair.numerics.geometry import IntArray, triangle_areas
-from dtrepair.numerics.worn.around import faces_lining
+from dtrepair.numerics.worn.around import lies_inside
 from dtrepair.numerics.worn.layers import Layers
 from dtrepair.numerics.worn.parts import Parts
 from dtrepair.numerics.worn.sides import LayerOptions, WornLayer
@@ -70,14 +70,14 @@ def open_layers(layers: Layers) -> Covering | None:
 def learnt_layers(layers: Layers) -> list[WornLayer]:
     """Return which open parts the poses have over others, the largest first.
 
-    Not what the user told, nor a sleeve that is known to lie in front of its jacket's lining.
+    Not what the user told, nor a sleeve that lies in its jacket, in front of the lining.
     """
     parts, rest = layers.parts, layers.parts.poses[0]
     known = [
         own
         for own in _over_something(layers)
         if not layers.is_told(own.top, own.under)
-        and not faces_lining(parts, own.top, own.under, 0, options=layers.options)
+        and not lies_inside(parts, own.top, own.under, 0, options=layers.options)
     ]
     tops = {own.top for own in known}
     areas = {top: float(triangle_areas(rest, parts.triangles[top]).sum()) for top in tops}

@@ -7,7 +7,7 @@ import pytest
 
 from dtrepair.numerics.worn.covering import DEEPEST, Covering, learnt_layers, open_layers
 from dtrepair.numerics.worn.layers import Layers
-from tests.meshes import grid, icosphere, joined, torus, tube
+from tests.meshes import Mesh, grid, icosphere, joined, torus, tube
 from tests.numerics.worn.test_layers import ARM, NO_PAIRS, SLEEVE, parts_of, reversed_faces
 
 BALL = icosphere(2, 0.3)[0] + [0.0, 0.0, 5.0], icosphere(2)[1]
@@ -85,14 +85,23 @@ def test_layers_that_lie_over_one_another_in_a_circle_end_somewhere() -> None:
     assert circle.depth.tolist() == [DEEPEST] * 3
 
 
-@pytest.mark.parametrize(("radius", "turned", "worn"), [(0.26, False, []), (0.33, True, [(0, 1)])])
-def test_a_shirt_in_front_of_a_lining_is_not_told_to_be_worn_over_it(
-    radius: float, turned: bool, worn: list[tuple[int, int]]
+OUTER, LINING = tube(32, 24, 0.3, 2.0), reversed_faces(tube(32, 24, 0.29, 2.0))
+JACKET = joined(OUTER, LINING)
+HALF = JACKET[0], JACKET[1][(JACKET[0][JACKET[1]][:, :, 0] > -0.1).all(axis=1)]
+
+
+@pytest.mark.parametrize(
+    ("radius", "jacket", "worn"),
+    [(0.26, JACKET, []), (0.26, LINING, []), (0.26, HALF, [(0, 1)]), (-0.33, JACKET, [(0, 1)])],
+    ids=["lined", "lining", "half", "cape"],
+)
+def test_a_shirt_that_lies_in_its_jacket_is_not_told_to_be_worn_over_it(
+    radius: float, jacket: Mesh, worn: list[tuple[int, int]]
 ) -> None:
-    """But a cape around the jacket is; both are attached to it."""
-    jacket = joined(tube(32, 24, 0.3, 2.0), reversed_faces(tube(32, 24, 0.29, 2.0)))
-    sheet, none = tube(24, 24, radius, 0.4), np.zeros(0, dtype=np.int32)
-    parts = parts_of(reversed_faces(sheet) if turned else sheet, jacket, closed=(False, True))
+    """But a cape around the jacket is, turned inside out; all are attached to it."""
+    sheet, none = tube(24, 24, abs(radius), 0.4), np.zeros(0, dtype=np.int32)
+    shirt = sheet if radius > 0.0 else reversed_faces(sheet)
+    parts = parts_of(shirt, jacket, closed=(False, jacket is not LINING))
     layers = Layers(parts, [NO_PAIRS], zone=lambda a, b: none)
     known = layers.between(0, 1)
     assert known is not None and (known.top, known.under) == (0, 1)

@@ -8,6 +8,7 @@ has a ring at each of its hems: an arm may come out of a sleeve while the jacket
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Sequence
 from functools import partial
 
@@ -92,17 +93,21 @@ class Rings:
         rings: list[Ring] = []
         if top in self.stiff:
             return rings
-        for under in self._around(parts.vertices[top], top):
-            both = solids(parts, top, under, rest)
-            worn = worn_measure(*both, least=options.worn.worn, options=options.worn)
-            if worn.share >= options.worn.worn:
-                rings += ring_about(parts, parts.vertices[top], (top, under), worn.axis, options)
         for hem in hems_of(parts.triangles[top]):
             axis = np.linalg.svd(rest[hem] - rest[hem].mean(axis=0), full_matrices=False)[2][2]
             for under in self._around(hem, top):
                 rings += ring_about(
                     parts, hem, (top, under), axis, options, through=options.through
                 )
+        # The middle of a shirt with its sleeve says less than the hems at both of their ends.
+        ends = Counter(ring.under for ring in rings)
+        for under in self._around(parts.vertices[top], top):
+            if ends[under] > 1:
+                continue
+            both = solids(parts, top, under, rest)
+            worn = worn_measure(*both, least=options.worn.worn, options=options.worn)
+            if worn.share >= options.worn.worn:
+                rings += ring_about(parts, parts.vertices[top], (top, under), worn.axis, options)
         return rings
 
     def sections(self, top: int, farthest: float = np.inf) -> list[Ring]:

@@ -159,13 +159,14 @@ def test_a_band_stays_on_a_limb_that_turns_and_bends(seed: int, bend: float) -> 
 
 @given(st.integers(0, 1000), st.sampled_from([8, 12, 24]))
 def test_a_sleeve_of_the_rows_of_its_limb_is_on_however_it_lies(seed: int, around: int) -> None:
-    # Its middle line goes through the middle of its hems, with points in their planes.
+    # Its middle line goes through the middle of its hems, with points in their planes. Both are
+    # asked, and no ring of the whole sleeve, which a bent one may have beside its limb.
     limb, sleeve = tube(around, 20, 0.2, 4.0), tube(around, 6, 0.25, 1.2)
     rng = np.random.default_rng(seed)
     first, second = (Rotation.from_rotvec(rng.normal(size=3)).as_matrix() for _ in range(2))
     rings = rings_of((limb[0] @ first.T, limb[1]), (sleeve[0] @ first.T, sleeve[1]), closed=False)
     rest, own = rings.parts.poses[0], rings.parts.vertices[1]
-    assert len(rings.of(1)) == 3
+    assert len(rings.of(1)) == 2
     assert all(ring.worn(rest @ second.T + rng.normal(size=3)) for ring in rings.of(1))
     for rows in (1, 2, 3):
         slid = rest.copy()
@@ -179,7 +180,8 @@ def test_a_skirt_comes_off_two_legs() -> None:
     body = joined(moved(trunk, (0.0, 0.0, 1.1)), legs)
     skirt = moved(tube(32, 12, 0.7, 1.0), (0.0, 0.0, 0.3))
     rings = rings_of(body, skirt, closed=False)
-    assert {ring.under for ring in rings.of(1)} == {0}
+    # The hem at the waist, and the whole: no leg alone is in the middle of the other hem.
+    assert [ring.under for ring in rings.of(1)] == [0, 0]
     assert set(taken(rings, with_ring_moved(rings, 1, (1.6, 0.0, 0.0)))) == {(1, 0)}
     assert taken(rings, with_ring_moved(rings, 1, (0.0, 0.0, -0.5))) == []
 
